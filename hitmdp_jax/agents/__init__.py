@@ -1,0 +1,9 @@
+"""The algorithms, one file each, behind one protocol."""
+
+from hitmdp_jax.agents.base import Agent, LearnerState
+from hitmdp_jax.agents.mopg import MOPG
+from hitmdp_jax.agents.ppo import PPO
+
+AGENTS = {"mopg": MOPG, "ppo": PPO}
+
+__all__ = ["AGENTS", "MOPG", "PPO", "Agent", "LearnerState"]

@@ -1,0 +1,265 @@
+"""MOPG: Maximum-entropy Options Policy Gradient (HiT-MDP, ICLR 2023, sec. 4 and App. F-G)."""
+
+from typing import Any
+
+import distrax
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from hitmdp_jax.agents.base import LearnerState, Metrics, static
+from hitmdp_jax.learning import mutual_information as mi
+from hitmdp_jax.learning.advantages import generalized_advantages, standardize
+from hitmdp_jax.learning.optimization import adam, minibatch_epochs
+from hitmdp_jax.learning.options import option_statistics
+from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.learning.surrogate import clipped_surrogate
+from hitmdp_jax.networks import ActionDecoder, Critic, OptionEncoder
+
+
+class MOPGNetwork(nn.Module):
+    """Option embeddings W [K, E], the master policy, the action policy and the critic Q_O."""
+
+    action_size: int
+    num_options: int
+    embedding_size: int
+    hidden_sizes: tuple[int, ...]
+    master_policy: str
+    initial_log_std: jax.Array | float
+
+    def setup(self):
+        self.embeddings = self.param(
+            "embeddings", nn.initializers.normal(1.0), (self.num_options, self.embedding_size)
+        )
+        self.encoder = OptionEncoder(self.master_policy, self.hidden_sizes)
+        self.decoder = ActionDecoder(
+            self.action_size, self.hidden_sizes, initial_log_std=self.initial_log_std
+        )
+        self.critic = Critic(self.hidden_sizes)
+
+    def __call__(self, obs: jax.Array, option: jax.Array, similarity: jax.Array):
+        return self.master(obs, option, similarity), self.action(obs, option), self.q(obs, option)
+
+    def master(self, obs: jax.Array, previous: jax.Array, similarity: jax.Array) -> jax.Array:
+        """Return log P(o | s, o_{t-1}) [B, K] for obs [B, O], previous [B]."""
+        logits = self.encoder(obs, previous, self.embeddings, similarity)
+        return jax.nn.log_softmax(logits)
+
+    def action(self, obs: jax.Array, option: jax.Array) -> distrax.MultivariateNormalDiag:
+        """Return P(a | s, o) over [B, A] for obs [B, O], option [B]."""
+        return self.decoder(obs, self.embeddings[option])
+
+    def q(self, obs: jax.Array, option: jax.Array) -> jax.Array:
+        """Return Q_O[s, o] [B] for obs [B, O], option [B]."""
+        return self.critic(obs, jax.nn.one_hot(option, self.num_options))
+
+    def every_action(self, obs: jax.Array) -> distrax.MultivariateNormalDiag:
+        """Return P(a | s, o) of each option, over [B, K, A], for obs [B, O]."""
+        return self.decoder(obs[:, None], self.embeddings)
+
+    def every_q(self, obs: jax.Array) -> jax.Array:
+        """Return Q_O[s, o] of each option, [B, K], for obs [B, O]."""
+        return self.critic(obs[:, None], jnp.eye(self.num_options))
+
+
+@struct.dataclass
+class MOPG:
+    """Learns K options and the master policy that chooses among them at every step.
+
+    Maximises the ELBO (Thm 4.1) by PPO's clipped surrogate for both policies. The option stream is
+    rewarded r + a_I I_t + a_H H(pi_O), the action stream r + a_H H(pi_A). The advantages are GAE
+    over V[s, o_{t-1}] = sum_o pi_O(o | s, o_{t-1}) Q_O[s, o] (Eq. 6) and over Q_O[s, o_t]; the
+    printed Alg. 1 puts the reward-like terms inside gamma(...), see docs/errata.md.
+
+    Memory: the previous option o_{t-1}, an int; uniform at an episode's start.
+    """
+
+    learning_rate: float = 3e-4
+    adam_eps: float = 1e-5
+    max_grad_norm: float = 0.5
+    gamma: float = 0.99
+    gae_lambda: float = 0.95
+    clip_eps: float = 0.2
+    entropy_weight: float = 0.0  # a_H
+    information_weight: float = 0.0  # a_I
+    similarity: float = 0.75  # c, the weight of the similarity logits
+    initial_log_std: float = -0.5
+    num_options: int = static(4)
+    embedding_size: int = static(40)
+    hidden_sizes: tuple[int, ...] = static((64, 64))
+    master_policy: str = static("similarity")
+    mutual_information: str = static("none")
+    bootstrap_on_truncation: bool = static(True)
+    num_epochs: int = static(10)
+    minibatch_size: int = static(64)
+
+    def network(self, action_size: int) -> MOPGNetwork:
+        """Return the network for actions of this size."""
+        return MOPGNetwork(
+            action_size,
+            self.num_options,
+            self.embedding_size,
+            self.hidden_sizes,
+            self.master_policy,
+            self.initial_log_std,
+        )
+
+    def _apply(self, params: Any, method: str, *args: Any) -> Any:
+        network = self.network(params["decoder"]["log_std"].size)
+        return network.apply({"params": params}, *args, method=method)
+
+    def master_log_probs(self, params: Any, obs: jax.Array, previous: jax.Array) -> jax.Array:
+        """Return log P(o | s, o_{t-1}) [B, K] for obs [B, O], previous [B]."""
+        return self._apply(params, "master", obs, previous, self.similarity)
+
+    def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
+        """Return new parameters and optimiser state."""
+        obs, option = jnp.zeros((1, observation_size)), jnp.zeros(1, jnp.int32)
+        params = self.network(action_size).init(key, obs, option, self.similarity)["params"]
+        return LearnerState(params, self._optimizer().init(params))
+
+    def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> jax.Array:
+        """Return uniformly drawn previous options."""
+        return jax.random.randint(key, batch_shape, 0, self.num_options)
+
+    def act(
+        self,
+        params: Any,
+        obs: jax.Array,
+        memory: jax.Array,
+        key: jax.Array,
+        deterministic: bool = False,
+    ) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Draw o_t and a_t; the deterministic policy takes the likeliest of each.
+
+        Returns:
+          The action, the new memory o_t, and o_t again as the record.
+        """
+        batch_shape = memory.shape
+        obs, memory = obs.reshape(-1, obs.shape[-1]), memory.reshape(-1)
+        key_option, key_action = jax.random.split(key)
+        master = distrax.Categorical(self.master_log_probs(params, obs, memory))
+        option = master.mode() if deterministic else master.sample(seed=key_option)
+        policy = self._apply(params, "action", obs, option)
+        action = policy.mode() if deterministic else policy.sample(seed=key_action)
+        option = option.reshape(batch_shape)
+        return action.reshape(*batch_shape, -1), option, option
+
+    def update(
+        self, state: LearnerState, batch: Batch, key: jax.Array
+    ) -> tuple[LearnerState, Metrics]:
+        """Estimate both advantages, then run `num_epochs` of minibatches on both surrogates."""
+        data, metrics = self.targets(state.params, batch)
+        params, opt_state, diagnostics = minibatch_epochs(
+            self.loss,
+            self._optimizer(),
+            state.params,
+            state.opt_state,
+            data,
+            key,
+            num_epochs=self.num_epochs,
+            minibatch_size=self.minibatch_size,
+        )
+        options = option_statistics(batch.record, batch.memory, batch.started, self.num_options)
+        return LearnerState(params, opt_state), metrics | diagnostics | options
+
+    def targets(self, params: Any, batch: Batch) -> tuple[dict[str, jax.Array], Metrics]:
+        """Evaluate a rollout: what the loss needs of it, flat [T * B, ...], and metrics."""
+        shape = batch.reward.shape
+        flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), batch)
+        obs, previous, option = flat.obs, flat.memory, flat.record
+
+        log_master = self.master_log_probs(params, obs, previous)  # [N, K]
+        q_all = self._apply(params, "every_q", obs)
+        policy = self._apply(params, "action", obs, option)
+        log_master_next = self.master_log_probs(params, flat.next_obs, option)
+        q_all_next = self._apply(params, "every_q", flat.next_obs)
+
+        value = (jnp.exp(log_master) * q_all).sum(-1).reshape(shape)
+        value_next = (jnp.exp(log_master_next) * q_all_next).sum(-1).reshape(shape)
+        q = mi.taken(q_all, option).reshape(shape)
+        # Q_O[s', o_{t+1}] where the next option was drawn; its expectation over the master policy
+        # where the episode or the rollout ended first.
+        drawn = jnp.roll(batch.record, -1, axis=0).reshape(-1)
+        q_drawn = mi.taken(q_all_next, drawn).reshape(shape)
+        last = batch.terminated | batch.truncated | (jnp.arange(shape[0]) == shape[0] - 1)[:, None]
+        q_next = jnp.where(last, value_next, q_drawn)
+
+        option_entropy = -(jnp.exp(log_master) * log_master).sum(-1)
+        action_entropy = policy.entropy()
+        information = self._information(params, flat, log_master)
+        reward_option = flat.reward + self.information_weight * information
+        reward_option += self.entropy_weight * option_entropy
+        reward_action = flat.reward + self.entropy_weight * action_entropy
+
+        ends = batch.terminated, batch.truncated
+        gae = self.gamma, self.gae_lambda, self.bootstrap_on_truncation
+        advantage_option = generalized_advantages(
+            reward_option.reshape(shape), value, value_next, *ends, *gae
+        )
+        advantage_action = generalized_advantages(
+            reward_action.reshape(shape), q, q_next, *ends, *gae
+        )
+        data = {
+            "obs": obs,
+            "previous": previous,
+            "option": option,
+            "action": flat.action,
+            "log_prob_option": mi.taken(log_master, option),
+            "log_prob_action": policy.log_prob(flat.action),
+            "advantage_option": standardize(advantage_option).reshape(-1),
+            "advantage_action": standardize(advantage_action).reshape(-1),
+            "value_target": (advantage_action + q).reshape(-1),
+        }
+        metrics = {
+            "option_entropy": option_entropy.mean(),
+            "action_entropy": action_entropy.mean(),
+            "information": information.mean(),
+            "value": value.mean(),
+        }
+        return data, metrics
+
+    def loss(self, params: Any, data: dict[str, jax.Array]) -> tuple[jax.Array, Metrics]:
+        """Return the loss of a minibatch: both surrogates and the critic's squared error."""
+        log_master = self.master_log_probs(params, data["obs"], data["previous"])
+        surrogate_option, option = clipped_surrogate(
+            mi.taken(log_master, data["option"]),
+            data["log_prob_option"],
+            data["advantage_option"],
+            self.clip_eps,
+        )
+        policy = self._apply(params, "action", data["obs"], data["option"])
+        surrogate_action, action = clipped_surrogate(
+            policy.log_prob(data["action"]),
+            data["log_prob_action"],
+            data["advantage_action"],
+            self.clip_eps,
+        )
+        q = self._apply(params, "q", data["obs"], data["option"])
+        value_loss = 0.5 * jnp.square(q - data["value_target"]).mean()
+        diagnostics = {f"option_{name}": x for name, x in option.items()}
+        diagnostics |= {f"action_{name}": x for name, x in action.items()}
+        return value_loss - surrogate_option - surrogate_action, diagnostics | {
+            "value_loss": value_loss
+        }
+
+    def _information(self, params: Any, flat: Batch, log_master: jax.Array) -> jax.Array:
+        """Return the intrinsic reward I_t [N]."""
+        if self.mutual_information == "none":
+            return jnp.zeros_like(flat.reward)
+        obs, option = flat.obs, flat.record
+        log_action = self._apply(params, "every_action", obs).log_prob(flat.action[:, None])
+        if self.mutual_information == "action":
+            return mi.action_information(log_master, log_action, option)
+        if self.mutual_information == "usage":
+            return mi.usage_information(log_master, log_action, option)
+        usage = jax.nn.one_hot(flat.memory, self.num_options).mean(axis=0)
+        log_every_master = jax.vmap(
+            lambda k: self.master_log_probs(params, obs, jnp.full_like(option, k)), out_axes=1
+        )(jnp.arange(self.num_options))  # [N, K previous, K]
+        log_marginal = jax.nn.logsumexp(log_every_master, axis=1, b=usage[:, None])
+        return mi.previous_information(log_master, log_action, option, log_marginal)
+
+    def _optimizer(self):
+        return adam(self.learning_rate, self.max_grad_norm, self.adam_eps)

@@ -1,0 +1,61 @@
+"""Tasks by name."""
+
+import importlib
+import inspect
+from typing import Any
+
+from brax.envs.base import Env
+
+from hitmdp_jax.envs.physics import PhysicsChoice
+from hitmdp_jax.errors import UsageError, unknown_name
+
+VERSIONS = ("v4", "v5")
+
+# name -> (module, class); imported when first made, so that listing tasks costs nothing.
+_REGISTRY = {
+    "halfcheetah": ("gym.half_cheetah", "HalfCheetah"),
+    "invertedpendulum": ("gym.inverted_pendulum", "InvertedPendulum"),
+}
+
+
+def list_envs() -> tuple[str, ...]:
+    """Return the names that `make_env` knows."""
+    return tuple(_REGISTRY)
+
+
+def make_env(
+    name: str, *, physics: PhysicsChoice = "mjx", version: str = "v5", **task_kwargs: Any
+) -> Env:
+    """Make a task: a Brax `Env`, unbatched and without auto-reset.
+
+    Args:
+      name: one of `list_envs()`.
+      physics: "mjx" (XLA, any device), "native" (MuJoCo C on the CPU) or "warp" (NVIDIA).
+      version: "v5" or "v4", Gymnasium's semantics of that name.
+      **task_kwargs: the task's own keywords, e.g. `ctrl_cost_weight=0.2`.
+
+    Raises:
+      UsageError: the name, engine, version or a keyword is unknown, or an extra is missing.
+
+    >>> env = make_env("halfcheetah", physics="native")
+    >>> env.observation_size, env.action_size
+    (17, 6)
+    """
+    if name not in _REGISTRY:
+        raise unknown_name("environment", name, _REGISTRY)
+    if version not in VERSIONS:
+        raise unknown_name("version", version, VERSIONS)
+    module, class_name = _REGISTRY[name]
+    task = getattr(importlib.import_module(f"hitmdp_jax.envs.{module}"), class_name)
+    known = {
+        p.name
+        for p in inspect.signature(task).parameters.values()
+        if p.kind is inspect.Parameter.KEYWORD_ONLY
+    }
+    for keyword in task_kwargs:
+        if keyword not in known:
+            raise unknown_name(f"keyword of {name}", keyword, known)
+    try:
+        return task(physics, version, **task_kwargs)
+    except TypeError as error:
+        raise UsageError(f"{name} could not be made: {error}.") from error

@@ -1,0 +1,134 @@
+"""`MujocoEnv`: a task written once as pure functions of the physics it reads."""
+
+import abc
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import mujoco
+from brax.envs.base import Env, State
+
+from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState, make_physics
+
+
+class SolverBudget(NamedTuple):
+    """How many iterations MJX's constraint solver may take in a substep.
+
+    MuJoCo C stops when it has converged; a compiled loop over many environments pays for every
+    iteration it is allowed. Each task states the smallest budget whose error after one control step
+    equals that of the full one.
+    """
+
+    iterations: int
+    ls_iterations: int
+
+
+class MujocoEnv(Env):
+    """A MuJoCo task behind Brax's `Env` interface, unbatched and without auto-reset.
+
+    A subclass states what distinguishes the task: `sample_initial`, `observation`, `reward` and
+    `terminated`. Actions are clipped to the actuators' range. The states are Brax's `State`;
+    `state.pipeline_state` is a `PhysicsState`, `state.metrics` holds each reward term by name.
+
+    Args:
+      model: the compiled model.
+      frame_skip: physics substeps in one control step.
+      physics: "mjx", "native" or "warp", or a constructor of a `Physics`.
+      fields: names of the derived MjData fields the task reads.
+      mjx_budget: solver iterations for MJX; None keeps the model's own.
+
+    Attributes:
+      episode_length: the task's time limit in control steps; applied by `VectorEnv`, not here.
+      reward_terms: names of the reward terms in `state.metrics`.
+    """
+
+    episode_length: int = 1000
+    reward_terms: tuple[str, ...] = ()
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        frame_skip: int,
+        physics: PhysicsChoice = "mjx",
+        fields: Sequence[str] = (),
+        mjx_budget: SolverBudget | None = None,
+    ):
+        if mjx_budget is not None and physics in ("mjx", "warp"):
+            model.opt.iterations, model.opt.ls_iterations = mjx_budget
+        self.physics = make_physics(physics, model, frame_skip, fields)
+        self.model = model
+        self._action_low, self._action_high = (
+            jnp.asarray(model.actuator_ctrlrange.T, jnp.float32)
+            if model.actuator_ctrllimited.all()
+            else jnp.array([[-jnp.inf], [jnp.inf]])
+        )
+
+    @abc.abstractmethod
+    def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Draw an episode's first qpos [nq] and qvel [nv]."""
+
+    @abc.abstractmethod
+    def observation(self, data: PhysicsState) -> jax.Array:
+        """Return the observation [O] of a physics state."""
+
+    @abc.abstractmethod
+    def reward(
+        self, before: PhysicsState, after: PhysicsState, action: jax.Array
+    ) -> tuple[jax.Array, dict[str, jax.Array]]:
+        """Return the reward of a step and its terms by name."""
+
+    def terminated(self, data: PhysicsState) -> jax.Array:
+        """Return whether the episode ends here for a reason other than time. Never, by default."""
+        return jnp.zeros((), bool)
+
+    def reset(self, rng: jax.Array) -> State:
+        """Start an episode from the task's initial distribution."""
+        return self.reset_to(*self.sample_initial(rng))
+
+    def reset_to(self, qpos: jax.Array, qvel: jax.Array) -> State:
+        """Start an episode from given generalised coordinates: qpos [nq], qvel [nv]."""
+        data = self.physics.initial(qpos, qvel)
+        zero = jnp.zeros(())
+        return State(
+            pipeline_state=data,
+            obs=self.observation(data),
+            reward=zero,
+            done=zero,
+            metrics=dict.fromkeys(self.reward_terms, zero),
+        )
+
+    def step(self, state: State, action: jax.Array) -> State:
+        """Advance one control step of `dt` seconds under `action` [A]."""
+        before = state.pipeline_state
+        assert isinstance(before, PhysicsState)
+        action = jnp.clip(action, self._action_low, self._action_high)
+        after = self.physics.step(before, action)
+        reward, terms = self.reward(before, after, action)
+        return state.replace(
+            pipeline_state=after,
+            obs=self.observation(after),
+            reward=reward,
+            done=self.terminated(after).astype(jnp.float32),
+            metrics={name: terms[name] for name in self.reward_terms},
+        )
+
+    @property
+    def dt(self) -> float:
+        """Seconds in one control step."""
+        return self.model.opt.timestep * self.physics.frame_skip
+
+    @property
+    def observation_size(self) -> int:
+        """Number of entries in an observation."""
+        return jax.eval_shape(self.reset, jax.random.key(0)).obs.shape[-1]
+
+    @property
+    def action_size(self) -> int:
+        """Number of actuators."""
+        return self.model.nu
+
+    @property
+    def backend(self) -> str:
+        """Name of the physics engine (Brax's word)."""
+        return self.physics.name

@@ -1,0 +1,65 @@
+"""InvertedPendulum: keep a pole upright on a cart (Barto, Sutton & Anderson 1983)."""
+
+import jax
+import jax.numpy as jnp
+
+from hitmdp_jax.envs.assets import load_gymnasium_model
+from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState
+
+FRAME_SKIP = 2  # substeps of 0.02 s
+POLE_ANGLE = 1  # observation and qpos: angle of the pole, rad
+MAX_ANGLE = 0.2  # rad
+
+MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=4)
+
+
+class InvertedPendulum(MujocoEnv):
+    """Balance the pole: reward 1 for every step that it stays within 0.2 rad.
+
+    Observation [4]: cart position (m), pole angle (rad) and their velocities. Action [1]: force on
+    the cart in [-3, 3]. The episode terminates when the pole tilts further or the state is not
+    finite; the time limit is 1000 steps of 0.04 s.
+
+    Args:
+      physics: the engine; see `MujocoEnv`.
+      version: "v5", or "v4", which also rewards the step that ends the episode.
+      reset_noise_scale: half-width of the uniform noise on qpos and qvel.
+    """
+
+    reward_terms = ("reward_survive",)
+
+    def __init__(
+        self,
+        physics: PhysicsChoice = "mjx",
+        version: str = "v5",
+        *,
+        reset_noise_scale: float = 0.01,
+    ):
+        model = load_gymnasium_model("inverted_pendulum.xml")
+        super().__init__(model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
+        self._reward_at_end = 1.0 if version == "v4" else 0.0
+        self._reset_noise_scale = reset_noise_scale
+
+    def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Draw qpos and qvel uniformly around the upright rest."""
+        size = self.model.nq + self.model.nv
+        noise = self._reset_noise_scale * jax.random.uniform(key, (size,), minval=-1.0, maxval=1.0)
+        return self.model.qpos0 + noise[: self.model.nq], noise[self.model.nq :]
+
+    def observation(self, data: PhysicsState) -> jax.Array:
+        """Return positions and velocities."""
+        return jnp.concatenate([data.qpos, data.qvel])
+
+    def reward(
+        self, before: PhysicsState, after: PhysicsState, action: jax.Array
+    ) -> tuple[jax.Array, dict[str, jax.Array]]:
+        """Return 1 while the pole is up."""
+        survive = jnp.where(self.terminated(after), self._reward_at_end, 1.0)
+        return survive, {"reward_survive": survive}
+
+    def terminated(self, data: PhysicsState) -> jax.Array:
+        """Return whether the pole fell or the state is not finite."""
+        observation = self.observation(data)
+        fallen = jnp.abs(observation[POLE_ANGLE]) > MAX_ANGLE
+        return fallen | ~jnp.isfinite(observation).all()

@@ -1,0 +1,49 @@
+"""What a task asks of a physics engine, and the state it gets back."""
+
+from typing import Protocol
+
+import jax
+import mujoco
+from flax import struct
+
+
+@struct.dataclass
+class PhysicsState:
+    """Generalised state of one simulation, plus the derived fields its task reads.
+
+    Angles are in rad, positions in m, velocities per second. Derived fields (`state["xpos"]`) are
+    one substep behind `qpos` after a step, as in MuJoCo's own `mj_step`.
+    """
+
+    qpos: jax.Array  # [nq] generalised positions
+    qvel: jax.Array  # [nv] generalised velocities
+    ctrl: jax.Array  # [nu] the controls of the last step
+    qacc_warmstart: jax.Array  # [nv] where the constraint solver starts
+    displacement: jax.Array  # [nq] change of qpos over the last step, at the engine's own precision
+    derived: dict[str, jax.Array]  # MjData field name -> its value
+
+    def __getitem__(self, field: str) -> jax.Array:
+        """Return a derived MjData field by name."""
+        return self.derived[field]
+
+
+class Physics(Protocol):
+    """A physics engine for one model: pure functions that jit and vmap.
+
+    Attributes:
+      name: the engine, as the user names it.
+      model: the compiled MuJoCo model.
+      frame_skip: physics substeps in one control step.
+    """
+
+    name: str
+    model: mujoco.MjModel
+    frame_skip: int
+
+    def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
+        """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""
+        ...
+
+    def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
+        """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
+        ...

@@ -1,0 +1,141 @@
+"""MuJoCo C on a thread pool, called from inside compiled JAX programs."""
+
+import functools
+import threading
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from hitmdp_jax.envs.physics.base import PhysicsState
+
+
+class NativePhysics:
+    """Implements `Physics` with `mujoco.batch.Batch` behind a `pure_callback`.
+
+    The simulations' state lives in JAX arrays alone; the host holds no state between calls, so
+    programs that step it stay pure, can be saved exactly and map over seeds and environments: every
+    `vmap` around it ends up in one call on the host. Inputs and outputs each cross as one matrix,
+    because every further array costs tens of microseconds.
+
+    Args:
+      model: the compiled model.
+      frame_skip: substeps in one control step.
+      fields: names of the derived MjData fields the task reads.
+      num_threads: threads of one call; 0 takes every core. Give each XLA device its share.
+    """
+
+    name = "native"
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        frame_skip: int,
+        fields: Sequence[str] = (),
+        num_threads: int = 0,
+    ):
+        self.model = model
+        self.frame_skip = frame_skip
+        self.num_threads = num_threads
+        self._fields = tuple(fields)
+        blank = mujoco.MjData(model)
+        self._field_shapes = {f: np.shape(getattr(blank, f)) for f in self._fields}
+        self._idle: dict[int, list[_Pool]] = {}
+        self._lock = threading.Lock()
+
+    def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
+        """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""
+        state = PhysicsState(
+            qpos=jnp.asarray(qpos, jnp.float32),
+            qvel=jnp.asarray(qvel, jnp.float32),
+            ctrl=jnp.zeros(self.model.nu),
+            qacc_warmstart=jnp.zeros(self.model.nv),
+            displacement=jnp.zeros(self.model.nq),
+            derived={},
+        )
+        return self._call("forward", state) if self._fields else state
+
+    def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
+        """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
+        return self._call("step", state.replace(ctrl=ctrl))
+
+    def _call(self, what: str, state: PhysicsState) -> PhysicsState:
+        nq, nv = self.model.nq, self.model.nv
+        sizes = [nq, nv, nv, nq, *(int(np.prod(s)) for s in self._field_shapes.values())]
+        packed = jnp.concatenate([state.qpos, state.qvel, state.qacc_warmstart, state.ctrl])
+        out = jax.pure_callback(
+            functools.partial(self._on_host, what),
+            jax.ShapeDtypeStruct((sum(sizes),), jnp.float32),
+            packed,
+            vmap_method="broadcast_all",
+        )
+        parts = jnp.split(out, np.cumsum(sizes)[:-1])
+        return state.replace(
+            qpos=parts[0],
+            qvel=parts[1],
+            qacc_warmstart=parts[2],
+            displacement=parts[3],
+            derived={
+                field: part.reshape(shape)
+                for (field, shape), part in zip(self._field_shapes.items(), parts[4:], strict=True)
+            },
+        )
+
+    def _on_host(self, what: str, packed: jax.Array) -> np.ndarray:
+        rows = np.asarray(packed)
+        batch_shape = rows.shape[:-1]
+        rows = rows.reshape(-1, rows.shape[-1])
+        pool = self._borrow(len(rows))
+        try:
+            return pool.run(what, rows).reshape(*batch_shape, -1)
+        finally:
+            self._give_back(pool)
+
+    def _borrow(self, num_rows: int) -> "_Pool":
+        """Take an idle pool of this size: devices that step at the same time get one each."""
+        with self._lock:
+            idle = self._idle.setdefault(num_rows, [])
+            if idle:
+                return idle.pop()
+        return _Pool(self.model, self.frame_skip, self._fields, num_rows, self.num_threads)
+
+    def _give_back(self, pool: "_Pool") -> None:
+        with self._lock:
+            self._idle[pool.num_rows].append(pool)
+
+
+class _Pool:
+    """A `Batch` of a fixed number of simulations with its bound arrays. Host only; no JAX."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        frame_skip: int,
+        fields: Sequence[str],
+        num_rows: int,
+        num_threads: int,
+    ):
+        self.num_rows = num_rows
+        self._frame_skip = frame_skip
+        self._batch = Batch(model, num_rows, nthread=num_threads)
+        self._inputs = [self._batch.bind(f) for f in ("qpos", "qvel", "qacc_warmstart", "ctrl")]
+        self._outputs = [self._batch.bind(field) for field in fields]
+
+    def run(self, what: str, rows: np.ndarray) -> np.ndarray:
+        column = 0
+        for bound in self._inputs:
+            bound[:] = rows[:, column : column + bound.shape[1]]
+            column += bound.shape[1]
+        qpos, qvel, warmstart, _ = self._inputs
+        before = qpos.copy()
+        if what == "step":
+            self._batch.step(nstep=self._frame_skip)
+        else:
+            self._batch.forward()
+        # The displacement is taken in float64: a velocity is a small difference of positions.
+        outputs = [qpos, qvel, warmstart, qpos - before]
+        outputs += [bound.reshape(self.num_rows, -1) for bound in self._outputs]
+        return np.concatenate(outputs, axis=1, dtype=np.float32)

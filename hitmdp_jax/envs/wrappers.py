@@ -1,0 +1,120 @@
+"""`VectorEnv`: many environments with a time limit, true random resets and final observations."""
+
+import jax
+import jax.numpy as jnp
+from brax.envs.base import Env, State
+from flax import struct
+
+
+@struct.dataclass
+class VectorState:
+    """State of B environments and the pool of P fresh initial states they restart from."""
+
+    env: State  # [B, ...]
+    clock: jax.Array  # [B] int32, control steps towards the time limit
+    episode_return: jax.Array  # [B] undiscounted reward of the running episode
+    episode_length: jax.Array  # [B] int32, steps of the running episode
+    pool: State  # [P, ...]
+    next_fresh: jax.Array  # int32, the first state of the pool not yet used
+
+
+@struct.dataclass
+class Step:
+    """What one step of B environments yields. All fields are [B] or [B, ...]."""
+
+    reward: jax.Array
+    terminated: jax.Array  # bool: the task ended the episode
+    truncated: jax.Array  # bool: the time limit did
+    next_obs: jax.Array  # [B, O] the observation reached, before any reset
+    episode_return: jax.Array  # of the episode so far; final where `finished`
+    episode_length: jax.Array
+    finished: jax.Array  # bool: a whole episode ended here
+    metrics: dict[str, jax.Array]  # the task's reward terms
+
+
+class VectorEnv:
+    """Steps B copies of an environment and restarts each finished one from a NEW random state.
+
+    `jax.vmap` turns a conditional reset into a reset at every step, which physics with derived
+    fields cannot afford. So a pool of P fresh initial states is drawn once per rollout (`refill`),
+    each used once and in order; only if more than P episodes end between two refills is one used
+    twice.
+
+    Args:
+      env: the task, unbatched and without auto-reset.
+      num_envs: B.
+      pool_size: P.
+      episode_length: time limit in steps; None takes the task's own.
+      stagger: start the first episodes at random points of the time limit, so that tasks without
+        termination do not all end together for ever. Such shortened episodes are not reported.
+    """
+
+    def __init__(
+        self,
+        env: Env,
+        num_envs: int,
+        pool_size: int,
+        episode_length: int | None = None,
+        stagger: bool = True,
+    ):
+        self.env = env
+        self.num_envs = num_envs
+        self.pool_size = pool_size
+        self.episode_length = episode_length or getattr(env, "episode_length", 1000)
+        self.stagger = stagger
+
+    def reset(self, key: jax.Array) -> VectorState:
+        """Start every environment."""
+        key_env, key_pool, key_clock = jax.random.split(key, 3)
+        states = jax.vmap(self.env.reset)(jax.random.split(key_env, self.num_envs))
+        zeros = jnp.zeros(self.num_envs)
+        clock = jax.random.randint(key_clock, (self.num_envs,), 0, self.episode_length)
+        return VectorState(
+            env=states,
+            clock=clock if self.stagger else jnp.zeros_like(clock),
+            episode_return=zeros,
+            episode_length=zeros.astype(jnp.int32),
+            pool=self._fresh(key_pool),
+            next_fresh=jnp.zeros((), jnp.int32),
+        )
+
+    def refill(self, state: VectorState, key: jax.Array) -> VectorState:
+        """Draw a new pool of initial states."""
+        return state.replace(pool=self._fresh(key), next_fresh=jnp.zeros((), jnp.int32))
+
+    def step(self, state: VectorState, action: jax.Array) -> tuple[VectorState, Step]:
+        """Step every environment under `action` [B, A]; restart those whose episode ended."""
+        env = jax.vmap(self.env.step)(state.env, action)
+        clock = state.clock + 1
+        length = state.episode_length + 1
+        episode_return = state.episode_return + env.reward
+        terminated = env.done.astype(bool)
+        truncated = (clock >= self.episode_length) & ~terminated
+        ended = terminated | truncated
+        step = Step(
+            reward=env.reward,
+            terminated=terminated,
+            truncated=truncated,
+            next_obs=env.obs,
+            episode_return=episode_return,
+            episode_length=length,
+            finished=ended & (clock == length),
+            metrics=env.metrics,
+        )
+        fresh_index = (state.next_fresh + jnp.cumsum(ended) - 1) % self.pool_size
+
+        def restart(fresh: jax.Array, running: jax.Array) -> jax.Array:
+            mask = ended.reshape(-1, *([1] * (running.ndim - 1)))
+            return jnp.where(mask, fresh[fresh_index], running)
+
+        state = state.replace(
+            env=jax.tree.map(restart, state.pool, env),
+            clock=jnp.where(ended, 0, clock),
+            episode_return=jnp.where(ended, 0.0, episode_return),
+            episode_length=jnp.where(ended, 0, length),
+            next_fresh=(state.next_fresh + ended.sum()) % self.pool_size,
+        )
+        return state, step
+
+    def _fresh(self, key: jax.Array) -> State:
+        return jax.vmap(self.env.reset)(jax.random.split(key, self.pool_size))

@@ -1,0 +1,33 @@
+"""The one exception that a user's mistake raises."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class UsageError(ValueError):
+    """Bad input, explained in one sentence: what was wrong and which values are valid.
+
+    The command line prints the sentence alone and exits with code 2.
+    """
+
+
+def unknown_name(kind: str, name: str, valid: Iterable[str]) -> UsageError:
+    """Return the error for a name that is not in `valid`, naming the nearest one.
+
+    Args:
+      kind: what the name stands for, e.g. "environment".
+      name: what the user wrote.
+      valid: the names that would have been accepted.
+    """
+    options = sorted(valid)
+    by_lower = {option.lower(): option for option in options}
+    near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.5)
+    hint = f"; did you mean '{by_lower[near[0]]}'?" if near else "."
+    return UsageError(f"Unknown {kind} '{name}'{hint} Valid: {', '.join(options)}.")
+
+
+def missing_extra(extra: str, needed_for: str) -> UsageError:
+    """Return the error for an optional dependency that is not installed."""
+    return UsageError(
+        f"{needed_for} needs the extra '{extra}': install it with pip install -e '.[{extra}]'."
+    )

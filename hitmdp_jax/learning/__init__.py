@@ -1,0 +1,1 @@
+"""Pure pieces that agents share: rollout, advantages, surrogate, optimisation, option counts."""

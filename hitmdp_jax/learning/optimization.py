@@ -1,0 +1,66 @@
+"""Minibatch gradient descent over one rollout."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import optax
+
+Loss = Callable[[Any, Any], tuple[jax.Array, dict[str, jax.Array]]]
+
+
+def adam(
+    learning_rate: jax.Array | float, max_grad_norm: jax.Array | float, eps: jax.Array | float
+) -> optax.GradientTransformation:
+    """Return Adam behind a global gradient-norm clip, run on one flat vector.
+
+    A network of 25 small arrays costs 25 times the dispatch of one; flattened, the optimiser's
+    share of an update falls from half to a tenth. The hyperparameters may be traced.
+    """
+    clip = optax.clip_by_global_norm(max_grad_norm)
+    return optax.flatten(optax.chain(clip, optax.adam(learning_rate, eps=eps)))
+
+
+def minibatch_epochs(
+    loss: Loss,
+    optimizer: optax.GradientTransformation,
+    params: Any,
+    opt_state: Any,
+    data: Any,
+    key: jax.Array,
+    *,
+    num_epochs: int,
+    minibatch_size: int,
+) -> tuple[Any, Any, dict[str, jax.Array]]:
+    """Run several epochs of minibatch steps, each epoch over a new permutation of the samples.
+
+    Args:
+      loss: maps (params, minibatch) to a scalar and a dictionary of scalar diagnostics.
+      optimizer: takes the gradients.
+      params: the pytree that is trained.
+      opt_state: the optimiser's state.
+      data: pytree of arrays [N, ...]; N is a multiple of minibatch_size.
+      key: PRNG key of the permutations.
+      num_epochs: passes over the data.
+      minibatch_size: samples a step.
+
+    Returns:
+      The new params and optimiser state, and the diagnostics averaged over all steps.
+    """
+    num_samples = len(jax.tree.leaves(data)[0])
+    permutations = jax.vmap(lambda k: jax.random.permutation(k, num_samples))(
+        jax.random.split(key, num_epochs)
+    )
+
+    def step(carry: tuple[Any, Any], indices: jax.Array):
+        params, opt_state = carry
+        minibatch = jax.tree.map(lambda x: x[indices], data)
+        grads, diagnostics = jax.grad(loss, has_aux=True)(params, minibatch)
+        updates, opt_state = optimizer.update(grads, opt_state, params)
+        return (optax.apply_updates(params, updates), opt_state), diagnostics
+
+    (params, opt_state), diagnostics = jax.lax.scan(
+        step, (params, opt_state), permutations.reshape(-1, minibatch_size)
+    )
+    return params, opt_state, jax.tree.map(jnp.mean, diagnostics)

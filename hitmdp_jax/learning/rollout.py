@@ -1,0 +1,116 @@
+"""One rollout for every agent: an option is just policy memory."""
+
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+from brax.training.acme import running_statistics
+from flax import struct
+
+from hitmdp_jax.envs.wrappers import Step, VectorEnv, VectorState
+
+OBSERVATION_CLIP = 10.0  # normalised observations lie within +-10 standard deviations
+
+
+class Actor(Protocol):
+    """The half of an agent that a rollout needs; see `agents.base.Agent`."""
+
+    def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> Any:
+        """Return the memory of an episode's start."""
+        ...
+
+    def act(
+        self, params: Any, obs: jax.Array, memory: Any, key: jax.Array, deterministic: bool = False
+    ) -> tuple[jax.Array, Any, Any]:
+        """Return (action, memory, record)."""
+        ...
+
+
+@struct.dataclass
+class RolloutState:
+    """What a rollout hands to the next one."""
+
+    env: VectorState
+    memory: Any  # [B, ...]
+
+
+@struct.dataclass
+class Batch:
+    """A rollout as an agent's update reads it: T steps of B environments."""
+
+    obs: jax.Array  # [T, B, O] normalised
+    next_obs: jax.Array  # [T, B, O] normalised; the state reached, before any reset
+    action: jax.Array  # [T, B, A]
+    memory: Any  # [T, B, ...] what the agent remembered when it acted
+    record: Any  # [T, B, ...] what the agent noted when it acted
+    reward: jax.Array  # [T, B]
+    terminated: jax.Array  # [T, B] bool
+    truncated: jax.Array  # [T, B] bool
+    started: jax.Array  # [T, B] bool, the first step of an episode
+
+
+def normalize(
+    obs: jax.Array, normalizer: running_statistics.RunningStatisticsState
+) -> jax.Array:
+    """Return observations [..., O] in units of their running mean and standard deviation."""
+    return running_statistics.normalize(obs, normalizer, max_abs_value=OBSERVATION_CLIP)
+
+
+def collect(
+    agent: Actor,
+    params: Any,
+    normalizer: running_statistics.RunningStatisticsState,
+    env: VectorEnv,
+    state: RolloutState,
+    key: jax.Array,
+    length: int,
+) -> tuple[RolloutState, Batch, Step, jax.Array]:
+    """Run the policy for `length` steps in every environment.
+
+    The normaliser is frozen meanwhile, so that the update sees the log-probabilities the rollout
+    had; update it with the raw observations afterwards.
+
+    Args:
+      agent: the policy.
+      params: its parameters.
+      normalizer: statistics the observations are normalised with.
+      env: B environments.
+      state: where the last rollout stopped.
+      key: PRNG key.
+      length: T.
+
+    Returns:
+      The new state, the batch, the environments' steps [T, B] and the raw observations [T, B, O].
+    """
+    key_pool, key_steps = jax.random.split(key)
+
+    def step(carry: RolloutState, key: jax.Array):
+        key_act, key_memory = jax.random.split(key)
+        obs, memory = carry.env.env.obs, carry.memory
+        action, new_memory, record = agent.act(params, normalize(obs, normalizer), memory, key_act)
+        env_state, outcome = env.step(carry.env, action)
+        ended = outcome.terminated | outcome.truncated
+        fresh = agent.initial_memory(key_memory, ended.shape)
+
+        def restart(new: jax.Array, old: jax.Array) -> jax.Array:
+            return jnp.where(ended.reshape(-1, *([1] * (old.ndim - 1))), new, old)
+
+        new_memory = jax.tree.map(restart, fresh, new_memory)
+        return RolloutState(env_state, new_memory), (obs, memory, action, record, outcome)
+
+    state = state.replace(env=env.refill(state.env, key_pool))
+    state, (obs, memory, action, record, outcome) = jax.lax.scan(
+        step, state, jax.random.split(key_steps, length)
+    )
+    batch = Batch(
+        obs=normalize(obs, normalizer),
+        next_obs=normalize(outcome.next_obs, normalizer),
+        action=action,
+        memory=memory,
+        record=record,
+        reward=outcome.reward,
+        terminated=outcome.terminated,
+        truncated=outcome.truncated,
+        started=outcome.episode_length == 1,
+    )
+    return state, batch, outcome, obs

@@ -1,0 +1,7 @@
+"""Flax modules: the option encoder, the decoders and the body they share."""
+
+from hitmdp_jax.networks.decoders import ActionDecoder, Critic
+from hitmdp_jax.networks.mlp import MLP
+from hitmdp_jax.networks.option_encoder import MASTER_POLICIES, OptionEncoder
+
+__all__ = ["MASTER_POLICIES", "MLP", "ActionDecoder", "Critic", "OptionEncoder"]

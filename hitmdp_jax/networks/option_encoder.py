@@ -1,0 +1,61 @@
+"""The master policy P(o_t | s_t, o_{t-1}) as attention clustering over option embeddings."""
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+
+from hitmdp_jax.networks.mlp import MLP, orthogonal
+
+MASTER_POLICIES = ("similarity", "printed")
+
+
+class OptionEncoder(nn.Module):
+    """Scores each option embedding by how close it is to the projected pair [s_t, o_{t-1}].
+
+    As printed (Eq. 48-49, App. G.1): q = Dense(FFN([s, W[o]])), x = LayerNorm(q + MHA(q, W, W)),
+    logits = Dense(FFN(x)). Nothing there ties a logit to the similarity of q and W[o_{t-1}], so
+    the paper's "a vector is closest to itself" (sec. 3.2) does not come out and options last one or
+    two steps. The `similarity` form makes the sentence true: q gains W[o_{t-1}] and the logits gain
+    c q W^T / sqrt(E).
+
+    Attributes:
+      master_policy: "similarity" or "printed".
+      sizes: widths of each FFN.
+      head_gain: gain of the logits' layer; small makes the first policy nearly uniform.
+    """
+
+    master_policy: str = "similarity"
+    sizes: tuple[int, ...] = (64, 64)
+    head_gain: float = 0.01
+
+    @nn.compact
+    def __call__(
+        self, obs: jax.Array, previous: jax.Array, embeddings: jax.Array, similarity: jax.Array
+    ) -> jax.Array:
+        """Return the logits of the next option.
+
+        Args:
+          obs: [B, O] normalised observations.
+          previous: [B] int, the options o_{t-1}.
+          embeddings: [K, E], W.
+          similarity: c, the weight of the similarity logits; unused in the printed form.
+
+        Returns:
+          [B, K] logits.
+        """
+        num_options, width = embeddings.shape
+        previous_embedding = embeddings[previous]
+        query = nn.Dense(width, kernel_init=orthogonal(1.0), name="query")(
+            MLP(self.sizes, name="query_body")(obs, previous_embedding)
+        )
+        if self.master_policy == "similarity":
+            query = query + previous_embedding
+        # The batch is the attention's sequence of queries: keys and values, which depend on the
+        # embeddings alone, are projected once instead of once a sample.
+        attended = nn.MultiHeadDotProductAttention(num_heads=1, name="attention")(query, embeddings)
+        clustered = nn.LayerNorm(name="norm")(query + attended)
+        head = nn.Dense(num_options, kernel_init=orthogonal(self.head_gain), name="logits")
+        logits = head(MLP(self.sizes, name="logits_body")(clustered))
+        if self.master_policy == "similarity":
+            logits = logits + similarity * query @ embeddings.T / jnp.sqrt(width)
+        return logits
