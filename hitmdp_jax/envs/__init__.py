@@ -2,12 +2,13 @@
 
 import importlib
 import inspect
+from collections.abc import Callable
 from typing import Any
 
 from brax.envs.base import Env
 
 from hitmdp_jax.envs.physics import PhysicsChoice
-from hitmdp_jax.errors import UsageError, unknown_name
+from hitmdp_jax.errors import unknown_name
 
 VERSIONS = ("v4", "v5")
 
@@ -41,21 +42,28 @@ def make_env(
     >>> env.observation_size, env.action_size
     (17, 6)
     """
+    task = check_env(name, version, **task_kwargs)
+    return task(physics, version, **task_kwargs)
+
+
+def check_env(name: str, version: str = "v5", **task_kwargs: Any) -> Callable[..., Env]:
+    """Return the class of a task, having checked everything that can be checked without making it.
+
+    Raises:
+      UsageError: the name, version or a keyword is unknown.
+    """
     if name not in _REGISTRY:
         raise unknown_name("environment", name, _REGISTRY)
     if version not in VERSIONS:
         raise unknown_name("version", version, VERSIONS)
     module, class_name = _REGISTRY[name]
     task = getattr(importlib.import_module(f"hitmdp_jax.envs.{module}"), class_name)
-    known = {
+    known = [
         p.name
         for p in inspect.signature(task).parameters.values()
         if p.kind is inspect.Parameter.KEYWORD_ONLY
-    }
+    ]
     for keyword in task_kwargs:
         if keyword not in known:
             raise unknown_name(f"keyword of {name}", keyword, known)
-    try:
-        return task(physics, version, **task_kwargs)
-    except TypeError as error:
-        raise UsageError(f"{name} could not be made: {error}.") from error
+    return task
