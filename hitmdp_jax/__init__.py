@@ -10,13 +10,16 @@ with contextlib.redirect_stdout(io.StringIO()):
 from hitmdp_jax import agents
 from hitmdp_jax.envs import list_envs, make_env
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training.policy import Policy, load
 from hitmdp_jax.training.program import TrainState, make_train, train
 
 __all__ = [
+    "Policy",
     "TrainState",
     "UsageError",
     "agents",
     "list_envs",
+    "load",
     "make_env",
     "make_train",
     "train",

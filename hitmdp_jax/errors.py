@@ -26,6 +26,11 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> UsageError:
     return UsageError(f"Unknown {kind} '{name}'{hint} Valid: {', '.join(options)}.")
 
 
+def out_of_domain(name: str, value: object, wanted: str) -> UsageError:
+    """Return the error for a value outside its domain, e.g. wanted="a positive whole number"."""
+    return UsageError(f"{name} = {value} must be {wanted}.")
+
+
 def missing_extra(extra: str, needed_for: str) -> UsageError:
     """Return the error for an optional dependency that is not installed."""
     return UsageError(

@@ -1,18 +1,49 @@
 """The protocol that every algorithm implements, and the state it learns."""
 
+import dataclasses
+import math
 from typing import Any, Protocol
 
 import jax
 from flax import struct
 
+from hitmdp_jax.errors import out_of_domain, unknown_name
 from hitmdp_jax.learning.rollout import Batch
 
 Metrics = dict[str, jax.Array]
 
 
-def static(default: Any) -> Any:
+def traced(default: float, low: float = 0.0, high: float = math.inf) -> Any:
+    """Declare a float hyperparameter in [low, high]: a pytree leaf that may be traced."""
+    return struct.field(default=default, metadata={"low": low, "high": high})
+
+
+def static(default: Any, choices: tuple[str, ...] = ()) -> Any:
     """Declare a hyperparameter that shapes the program, and so cannot be traced."""
-    return struct.field(pytree_node=False, default=default)
+    return struct.field(pytree_node=False, default=default, metadata={"choices": choices})
+
+
+def check_hyperparameters(agent: Any) -> None:
+    """Reject values outside the domains that an agent's fields declare; traced ones pass.
+
+    Raises:
+      UsageError: naming the field, its value and what is valid.
+    """
+    for field in dataclasses.fields(agent):
+        value, limits = getattr(agent, field.name), field.metadata
+        if "low" in limits and isinstance(value, int | float):
+            if not limits["low"] <= value <= limits["high"]:
+                wanted = f"a number from {limits['low']:g} to {limits['high']:g}"
+                raise out_of_domain(field.name, value, wanted)
+        elif limits.get("choices"):
+            if value not in limits["choices"]:
+                raise unknown_name(field.name, str(value), limits["choices"])
+        elif isinstance(field.default, int) and not isinstance(field.default, bool):
+            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+                raise out_of_domain(field.name, value, "a positive whole number")
+        elif isinstance(field.default, tuple):
+            if not value or any(not isinstance(size, int) or size < 1 for size in value):
+                raise out_of_domain(field.name, list(value), "a list of positive whole numbers")
 
 
 @struct.dataclass

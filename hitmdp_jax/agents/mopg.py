@@ -8,14 +8,14 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from hitmdp_jax.agents.base import LearnerState, Metrics, static
+from hitmdp_jax.agents.base import LearnerState, Metrics, static, traced
 from hitmdp_jax.learning import mutual_information as mi
 from hitmdp_jax.learning.advantages import generalized_advantages, standardize
 from hitmdp_jax.learning.optimization import adam, minibatch_epochs
 from hitmdp_jax.learning.options import option_statistics
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.surrogate import clipped_surrogate
-from hitmdp_jax.networks import ActionDecoder, Critic, OptionEncoder
+from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEncoder
 
 
 class MOPGNetwork(nn.Module):
@@ -75,21 +75,21 @@ class MOPG:
     Memory: the previous option o_{t-1}, an int; uniform at an episode's start.
     """
 
-    learning_rate: float = 3e-4
-    adam_eps: float = 1e-5
-    max_grad_norm: float = 0.5
-    gamma: float = 0.99
-    gae_lambda: float = 0.95
-    clip_eps: float = 0.2
-    entropy_weight: float = 0.0  # a_H
-    information_weight: float = 0.0  # a_I
-    similarity: float = 0.75  # c, the weight of the similarity logits
-    initial_log_std: float = -0.5
+    learning_rate: float = traced(3e-4)
+    adam_eps: float = traced(1e-5)
+    max_grad_norm: float = traced(0.5)
+    gamma: float = traced(0.99, high=1.0)
+    gae_lambda: float = traced(0.95, high=1.0)
+    clip_eps: float = traced(0.2)
+    entropy_weight: float = traced(0.0)  # a_H
+    information_weight: float = traced(0.0)  # a_I
+    similarity: float = traced(0.75)  # c, the weight of the similarity logits
+    initial_log_std: float = traced(-0.5, low=-10.0, high=10.0)
     num_options: int = static(4)
     embedding_size: int = static(40)
     hidden_sizes: tuple[int, ...] = static((64, 64))
-    master_policy: str = static("similarity")
-    mutual_information: str = static("none")
+    master_policy: str = static("similarity", MASTER_POLICIES)
+    mutual_information: str = static("none", mi.CHOICES)
     bootstrap_on_truncation: bool = static(True)
     num_epochs: int = static(10)
     minibatch_size: int = static(64)

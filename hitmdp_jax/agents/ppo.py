@@ -8,12 +8,13 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from hitmdp_jax.agents.base import LearnerState, Metrics, static
+from hitmdp_jax.agents.base import LearnerState, Metrics, static, traced
 from hitmdp_jax.learning.advantages import generalized_advantages, standardize
 from hitmdp_jax.learning.optimization import adam, minibatch_epochs
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.surrogate import clipped_surrogate
 from hitmdp_jax.networks import ActionDecoder, Critic
+from hitmdp_jax.networks.mlp import ACTIVATIONS
 
 
 class PPONetwork(nn.Module):
@@ -41,16 +42,16 @@ class PPO:
     Sizes and hyperparameters equal MOPG's, so that the two differ in the options alone.
     """
 
-    learning_rate: float = 3e-4
-    adam_eps: float = 1e-5
-    max_grad_norm: float = 0.5
-    gamma: float = 0.99
-    gae_lambda: float = 0.95
-    clip_eps: float = 0.2
-    entropy_weight: float = 0.0
-    initial_log_std: float = -0.5
+    learning_rate: float = traced(3e-4)
+    adam_eps: float = traced(1e-5)
+    max_grad_norm: float = traced(0.5)
+    gamma: float = traced(0.99, high=1.0)
+    gae_lambda: float = traced(0.95, high=1.0)
+    clip_eps: float = traced(0.2)
+    entropy_weight: float = traced(0.0)
+    initial_log_std: float = traced(-0.5, low=-10.0, high=10.0)
     hidden_sizes: tuple[int, ...] = static((64, 64))
-    activation: str = static("relu")
+    activation: str = static("relu", tuple(ACTIVATIONS))
     bootstrap_on_truncation: bool = static(True)
     num_epochs: int = static(10)
     minibatch_size: int = static(64)

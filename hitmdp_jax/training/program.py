@@ -9,9 +9,9 @@ from brax.envs.base import Env
 from brax.training.acme import running_statistics
 from flax import struct
 
-from hitmdp_jax.agents.base import Agent, LearnerState, Metrics
+from hitmdp_jax.agents.base import Agent, LearnerState, Metrics, check_hyperparameters
 from hitmdp_jax.envs.wrappers import Step, VectorEnv
-from hitmdp_jax.errors import UsageError
+from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.learning.rollout import RolloutState, collect
 
 
@@ -44,7 +44,7 @@ def check_sizes(agent: Agent, num_steps: int, num_envs: int, rollout_length: int
     sizes = {"num_steps": num_steps, "num_envs": num_envs, "rollout_length": rollout_length}
     for name, size in sizes.items():
         if size < 1:
-            raise UsageError(f"{name} = {size} must be a positive whole number.")
+            raise out_of_domain(name, size, "a positive whole number")
     samples, minibatch = num_envs * rollout_length, agent.minibatch_size
     if samples % minibatch:
         near = max(d for d in range(1, minibatch + 1) if samples % d == 0)
@@ -83,8 +83,9 @@ def make_train(
       collect a rollout, update the normaliser and the agent. Metrics are scalars and [K] counts.
 
     Raises:
-      UsageError: a size is not positive or does not divide.
+      UsageError: a size is not positive or does not divide, or a hyperparameter is out of range.
     """
+    check_hyperparameters(agent)
     check_sizes(agent, num_steps, num_envs, rollout_length)
     pool_size = reset_pool_size or max(1, num_envs * rollout_length // 8)
     vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger)
