@@ -44,11 +44,15 @@ class OptionEncoder(nn.Module):
           [B, K] logits.
         """
         num_options, width = embeddings.shape
+        by_similarity = self.master_policy == "similarity"
         previous_embedding = embeddings[previous]
-        query = nn.Dense(width, kernel_init=orthogonal(1.0), name="query")(
+        # Under similarity a query starts as W[o_{t-1}] itself and learns how a state moves it: with
+        # gain 1 options last 2 steps after 1M steps of HalfCheetah, with 0.01 they last 15.
+        query_gain = self.head_gain if by_similarity else 1.0
+        query = nn.Dense(width, kernel_init=orthogonal(query_gain), name="query")(
             MLP(self.sizes, name="query_body")(obs, previous_embedding)
         )
-        if self.master_policy == "similarity":
+        if by_similarity:
             query = query + previous_embedding
         # The batch is the attention's sequence of queries: keys and values, which depend on the
         # embeddings alone, are projected once instead of once a sample.
@@ -56,6 +60,6 @@ class OptionEncoder(nn.Module):
         clustered = nn.LayerNorm(name="norm")(query + attended)
         head = nn.Dense(num_options, kernel_init=orthogonal(self.head_gain), name="logits")
         logits = head(MLP(self.sizes, name="logits_body")(clustered))
-        if self.master_policy == "similarity":
+        if by_similarity:
             logits = logits + similarity * query @ embeddings.T / jnp.sqrt(width)
         return logits

@@ -9,6 +9,7 @@ import numpy as np
 from tensorboardX import SummaryWriter
 
 INDEX = ("iteration", "env_steps", "seed")
+LEADING = ("episode_return", "episode_length", "steps_per_second")
 
 
 class Records:
@@ -57,7 +58,8 @@ class Records:
 
 
 def _columns(metrics: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray]]:
-    for name, x in metrics.items():
+    leading = {name: metrics[name] for name in LEADING if name in metrics}
+    for name, x in (leading | metrics).items():
         if x.ndim == 1:
             yield name, x
         else:

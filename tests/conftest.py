@@ -1,0 +1,15 @@
+import jax
+import pytest
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compilation_cache(tmp_path_factory):
+    """Compile each MJX program once a machine, where the developer keeps a cache, or a session."""
+    if not jax.config.jax_compilation_cache_dir:
+        folder = tmp_path_factory.mktemp("jax_cache")
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+
+
+@pytest.fixture
+def key():
+    return jax.random.key(0)
