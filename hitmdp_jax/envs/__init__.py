@@ -15,7 +15,15 @@ VERSIONS = ("v4", "v5")
 # name -> (module, class); imported when first made, so that listing tasks costs nothing.
 _REGISTRY = {
     "halfcheetah": ("gym.half_cheetah", "HalfCheetah"),
+    "swimmer": ("gym.swimmer", "Swimmer"),
+    "humanoidstandup": ("gym.humanoid_standup", "HumanoidStandup"),
+    "reacher": ("gym.reacher", "Reacher"),
+    "walker2d": ("gym.walker2d", "Walker2d"),
+    "hopper": ("gym.hopper", "Hopper"),
     "invertedpendulum": ("gym.inverted_pendulum", "InvertedPendulum"),
+    "inverteddoublependulum": ("gym.inverted_double_pendulum", "InvertedDoublePendulum"),
+    "ant": ("gym.ant", "Ant"),
+    "humanoid": ("gym.humanoid", "Humanoid"),
 }
 
 

@@ -40,7 +40,7 @@ class MujocoEnv(Env):
 
     Attributes:
       episode_length: the task's time limit in control steps; applied by `VectorEnv`, not here.
-      reward_terms: names of the reward terms in `state.metrics`.
+      reward_terms: names of the reward terms in `state.metrics`, which also counts `unstable`.
     """
 
     episode_length: int = 1000
@@ -95,23 +95,37 @@ class MujocoEnv(Env):
             obs=self.observation(data),
             reward=zero,
             done=zero,
-            metrics=dict.fromkeys(self.reward_terms, zero),
+            metrics=dict.fromkeys((*self.reward_terms, "unstable"), zero),
         )
 
     def step(self, state: State, action: jax.Array) -> State:
-        """Advance one control step of `dt` seconds under `action` [A]."""
+        """Advance one control step of `dt` seconds under `action` [A].
+
+        Where the simulation is lost (MuJoCo finds the state unstable, or the action is not finite)
+        the episode ends with zero reward on the last good state, and `metrics["unstable"]` is 1.
+        """
         before = state.pipeline_state
         assert isinstance(before, PhysicsState)
         action = jnp.clip(action, self._action_low, self._action_high)
         after = self.physics.step(before, action)
         reward, terms = self.reward(before, after, action)
-        return state.replace(
+        metrics = {name: terms[name] for name in self.reward_terms}
+        done = self.terminated(after).astype(jnp.float32)
+        good = state.replace(
             pipeline_state=after,
             obs=self.observation(after),
             reward=reward,
-            done=self.terminated(after).astype(jnp.float32),
-            metrics={name: terms[name] for name in self.reward_terms},
+            done=done,
+            metrics=metrics | {"unstable": jnp.zeros(())},
         )
+        zero = jnp.zeros(())
+        lost = state.replace(
+            reward=zero,
+            done=jnp.ones(()),
+            metrics=dict.fromkeys(metrics, zero) | {"unstable": jnp.ones(())},
+        )
+        unstable = after.unstable | ~jnp.isfinite(action).all()
+        return jax.tree.map(lambda a, b: jnp.where(unstable, a, b), lost, good)
 
     @property
     def dt(self) -> float:

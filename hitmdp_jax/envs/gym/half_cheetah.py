@@ -5,6 +5,7 @@ import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.gym.initial import normal_velocity_around_rest
 from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 5  # substeps of 0.01 s
@@ -52,10 +53,7 @@ class HalfCheetah(MujocoEnv):
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos uniformly and qvel normally around the standing pose."""
-        key_qpos, key_qvel = jax.random.split(key)
-        noise = jax.random.uniform(key_qpos, (self.model.nq,), minval=-1.0, maxval=1.0)
-        qpos = self.model.qpos0 + self._reset_noise_scale * noise
-        return qpos, self._reset_noise_scale * jax.random.normal(key_qvel, (self.model.nv,))
+        return normal_velocity_around_rest(self.model, key, self._reset_noise_scale)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and velocities."""

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.gym.initial import uniform_around_rest
 from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 2  # substeps of 0.02 s
@@ -43,9 +44,7 @@ class InvertedPendulum(MujocoEnv):
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the upright rest."""
-        size = self.model.nq + self.model.nv
-        noise = self._reset_noise_scale * jax.random.uniform(key, (size,), minval=-1.0, maxval=1.0)
-        return self.model.qpos0 + noise[: self.model.nq], noise[self.model.nq :]
+        return uniform_around_rest(self.model, key, self._reset_noise_scale)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and velocities."""

@@ -3,8 +3,12 @@
 from typing import Protocol
 
 import jax
+import jax.numpy as jnp
 import mujoco
 from flax import struct
+
+# MuJoCo calls a simulation unstable when a coordinate, velocity or acceleration exceeds this.
+MAX_VALUE = float(mujoco.mjMAXVAL)
 
 
 @struct.dataclass
@@ -12,7 +16,9 @@ class PhysicsState:
     """Generalised state of one simulation, plus the derived fields its task reads.
 
     Angles are in rad, positions in m, velocities per second. Derived fields (`state["xpos"]`) are
-    one substep behind `qpos` after a step, as in MuJoCo's own `mj_step`.
+    one substep behind `qpos` after a step, as in MuJoCo's own `mj_step` (with RK4: at its last
+    stage). External forces (`cfrc_ext`) are those of `mj_rnePostConstraint` on the same data, and
+    zero before the first step: what Gymnasium shows.
     """
 
     qpos: jax.Array  # [nq] generalised positions
@@ -20,11 +26,25 @@ class PhysicsState:
     ctrl: jax.Array  # [nu] the controls of the last step
     qacc_warmstart: jax.Array  # [nv] where the constraint solver starts
     displacement: jax.Array  # [nq] change of qpos over the last step, at the engine's own precision
+    unstable: jax.Array  # bool: MuJoCo's limits on the state were broken in the last step
     derived: dict[str, jax.Array]  # MjData field name -> its value
 
     def __getitem__(self, field: str) -> jax.Array:
         """Return a derived MjData field by name."""
         return self.derived[field]
+
+
+def blank_state(model: mujoco.MjModel, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
+    """Return the state at `qpos` [nq], `qvel` [nv] without derived fields."""
+    return PhysicsState(
+        qpos=jnp.asarray(qpos, jnp.float32),
+        qvel=jnp.asarray(qvel, jnp.float32),
+        ctrl=jnp.zeros(model.nu),
+        qacc_warmstart=jnp.zeros(model.nv),
+        displacement=jnp.zeros(model.nq),
+        unstable=jnp.zeros((), bool),
+        derived={},
+    )
 
 
 class Physics(Protocol):

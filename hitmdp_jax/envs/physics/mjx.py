@@ -1,5 +1,6 @@
 """MuJoCo XLA: physics as a JAX program, for any device."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import jax
@@ -7,8 +8,8 @@ import jax.numpy as jnp
 import mujoco
 from mujoco import mjx
 
-from hitmdp_jax.envs.physics.base import PhysicsState
-from hitmdp_jax.errors import missing_extra
+from hitmdp_jax.envs.physics.base import MAX_VALUE, PhysicsState, blank_state
+from hitmdp_jax.errors import UsageError, missing_extra
 
 
 class MjxPhysics:
@@ -24,7 +25,8 @@ class MjxPhysics:
       implementation: "jax", or "warp" for NVIDIA's kernels (extra `warp`).
 
     Raises:
-      UsageError: `implementation` is "warp" and warp-lang is not installed.
+      UsageError: `implementation` is "warp", and warp-lang is not installed or the task reads
+        external forces, which MJX does not compute there.
     """
 
     def __init__(
@@ -39,6 +41,10 @@ class MjxPhysics:
 
             if not warp.WARP_INSTALLED:
                 raise missing_extra("warp", "physics=warp")
+            if "cfrc_ext" in fields:
+                raise UsageError(
+                    "physics=warp has no contact forces (cfrc_ext): use mjx or native."
+                )
         self.name = "mjx" if implementation == "jax" else implementation
         self.model = model
         self.frame_skip = frame_skip
@@ -48,14 +54,7 @@ class MjxPhysics:
 
     def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
         """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""
-        state = PhysicsState(
-            qpos=jnp.asarray(qpos, jnp.float32),
-            qvel=jnp.asarray(qvel, jnp.float32),
-            ctrl=jnp.zeros(self.model.nu),
-            qacc_warmstart=jnp.zeros(self.model.nv),
-            displacement=jnp.zeros(self.model.nq),
-            derived={},
-        )
+        state = blank_state(self.model, qpos, qvel)
         if not self._fields:
             return state
         data = mjx.forward(self._mjx_model, self._load(state))
@@ -66,6 +65,9 @@ class MjxPhysics:
 
         def substep(carry: PhysicsState, _: None) -> tuple[PhysicsState, None]:
             data = mjx.step(self._mjx_model, self._load(carry))
+            if "cfrc_ext" in self._fields:
+                # At every substep, though only the last is read: 1 % of the step's cost.
+                data = mjx.rne_postconstraint(self._mjx_model, data)
             carry = carry.replace(
                 qpos=data.qpos,
                 qvel=data.qvel,
@@ -75,7 +77,11 @@ class MjxPhysics:
             return carry, None
 
         after, _ = jax.lax.scan(substep, state.replace(ctrl=ctrl), length=self.frame_skip)
-        return after.replace(displacement=after.qpos - state.qpos)
+        extremes = jnp.concatenate([after.qpos, after.qvel, after.qacc_warmstart])
+        return after.replace(
+            displacement=after.qpos - state.qpos,
+            unstable=~(jnp.abs(extremes) < MAX_VALUE).all(),  # not a number is not below it
+        )
 
     def _load(self, state: PhysicsState) -> mjx.Data:
         return self._blank.replace(
@@ -86,4 +92,6 @@ class MjxPhysics:
         )
 
     def _read(self, data: mjx.Data) -> dict[str, jax.Array]:
-        return {field: getattr(data, field) for field in self._fields}
+        # Some fields are MJX's own layout of MuJoCo's data (`_impl`): cinert, cfrc_ext.
+        public = {field.name for field in dataclasses.fields(data)}
+        return {f: getattr(data if f in public else data._impl, f) for f in self._fields}

@@ -1,0 +1,15 @@
+import pytest
+from parity import assert_initial_states_agree, assert_steps_agree
+
+
+@pytest.mark.parametrize("version", ["v4", "v5"])
+def test_native_steps_as_gymnasium(version):
+    assert_steps_agree("invertedpendulum", version, "native")
+
+
+def test_mjx_steps_as_gymnasium():
+    assert_steps_agree("invertedpendulum", "v5", "mjx", num_steps=1, tolerance=2e-3)
+
+
+def test_initial_states_are_gymnasiums():
+    assert_initial_states_agree("invertedpendulum", "v5", reset_noise_scale=0.2)

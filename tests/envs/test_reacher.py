@@ -1,0 +1,26 @@
+import pytest
+from parity import assert_initial_states_agree, assert_steps_agree
+
+
+@pytest.mark.parametrize("version", ["v4", "v5"])
+def test_native_steps_as_gymnasium(version):
+    assert_steps_agree("reacher", version, "native")
+
+
+def test_mjx_steps_as_gymnasium():
+    assert_steps_agree("reacher", "v5", "mjx", num_steps=1, tolerance=2e-3)
+
+
+@pytest.mark.parametrize("version", ["v5"])
+def test_keywords_mean_what_they_mean_in_gymnasium(version):
+    assert_steps_agree(
+        "reacher",
+        version,
+        "native",
+        reward_dist_weight=2.0,
+        reward_control_weight=0.3,
+    )
+
+
+def test_initial_states_are_gymnasiums():
+    assert_initial_states_agree("reacher", "v5")
