@@ -1,5 +1,5 @@
 import pytest
-from parity import assert_initial_states_agree, assert_steps_agree
+from tests.envs.parity import assert_initial_states_agree, assert_steps_agree
 
 
 @pytest.mark.parametrize("version", ["v4", "v5"])
