@@ -1,4 +1,5 @@
 import pytest
+
 from tests.envs.parity import assert_initial_states_agree, assert_steps_agree
 
 
