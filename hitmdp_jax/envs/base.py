@@ -101,31 +101,30 @@ class MujocoEnv(Env):
     def step(self, state: State, action: jax.Array) -> State:
         """Advance one control step of `dt` seconds under `action` [A].
 
-        Where the simulation is lost (MuJoCo finds the state unstable, or the action is not finite)
-        the episode ends with zero reward on the last good state, and `metrics["unstable"]` is 1.
+        Where the simulation is lost (MuJoCo finds the state unstable, or an action is NaN) the
+        episode ends with zero reward on the last good state, and `metrics["unstable"]` is 1.
         """
         before = state.pipeline_state
         assert isinstance(before, PhysicsState)
         action = jnp.clip(action, self._action_low, self._action_high)
+        valid = ~jnp.isnan(action).any()
+        action = jnp.where(valid, action, 0.0)
         after = self.physics.step(before, action)
         reward, terms = self.reward(before, after, action)
+        zero, one = jnp.zeros(()), jnp.ones(())
         metrics = {name: terms[name] for name in self.reward_terms}
-        done = self.terminated(after).astype(jnp.float32)
         good = state.replace(
             pipeline_state=after,
             obs=self.observation(after),
             reward=reward,
-            done=done,
-            metrics=metrics | {"unstable": jnp.zeros(())},
+            done=self.terminated(after).astype(jnp.float32),
+            metrics=metrics | {"unstable": zero},
         )
-        zero = jnp.zeros(())
         lost = state.replace(
-            reward=zero,
-            done=jnp.ones(()),
-            metrics=dict.fromkeys(metrics, zero) | {"unstable": jnp.ones(())},
+            reward=zero, done=one, metrics=dict.fromkeys(metrics, zero) | {"unstable": one}
         )
-        unstable = after.unstable | ~jnp.isfinite(action).all()
-        return jax.tree.map(lambda a, b: jnp.where(unstable, a, b), lost, good)
+        stable = valid & ~after.unstable
+        return jax.tree.map(lambda a, b: jnp.where(stable, a, b), good, lost)
 
     @property
     def dt(self) -> float:

@@ -12,15 +12,13 @@ from mujoco.batch import Batch, SimulationError
 
 from hitmdp_jax.envs.physics.base import PhysicsState, blank_state
 
-# Warnings with which MuJoCo says that it found a state unstable, and reset it (or, for CTRL, set
-# the controls to zero) and went on.
+# Warnings with which MuJoCo says that it found a state unstable.
 _UNSTABLE = [
     int(warning)
     for warning in (
         mujoco.mjtWarning.mjWARN_BADQPOS,
         mujoco.mjtWarning.mjWARN_BADQVEL,
         mujoco.mjtWarning.mjWARN_BADQACC,
-        mujoco.mjtWarning.mjWARN_BADCTRL,
     )
 ]
 # Fields that only mj_rnePostConstraint computes.
@@ -149,7 +147,7 @@ class _Pool:
             column += bound.shape[1]
         qpos, qvel, warmstart, _ = self._inputs
         before = qpos.copy()
-        warnings = self._unstable_warnings()
+        self._batch.warning[:] = 0
         failed: np.ndarray | list[int] = []
         try:
             if what == "step":
@@ -158,7 +156,8 @@ class _Pool:
                 self._batch.forward()
         except SimulationError as error:  # the other simulations ran to completion
             failed = error.ids
-        unstable = self._unstable_warnings() > warnings
+        # MuJoCo resets an unstable state and goes on: its warning is the only trace.
+        unstable = self._batch.warning[:, _UNSTABLE, 1].any(axis=1)
         unstable[failed] = True
         if what == "step":
             self._update_forces()
@@ -169,10 +168,6 @@ class _Pool:
         outputs = [qpos, qvel, warmstart, qpos - before, unstable[:, None]]
         outputs += [output.reshape(self.num_rows, -1) for output in self._outputs]
         return np.concatenate(outputs, axis=1, dtype=np.float32)
-
-    def _unstable_warnings(self) -> np.ndarray:
-        """Count the warnings so far, [num_rows]. MuJoCo resets such a state and goes on."""
-        return self._batch.warning[:, _UNSTABLE, 1].sum(axis=1)
 
     def _update_forces(self) -> None:
         """Run mj_rnePostConstraint on each simulation as the last substep left it.
