@@ -1,10 +1,13 @@
 import jax
 import pytest
 
+# Two devices, as `train.py` presents two cores, so that sharding is tested on any machine.
+jax.config.update("jax_num_cpu_devices", 2)
+
 
 @pytest.fixture(scope="session", autouse=True)
 def compilation_cache(tmp_path_factory):
-    """Compile each MJX program once a machine, where the developer keeps a cache, or a session."""
+    """Compile each program once a machine, where the developer keeps a cache, or once a session."""
     if not jax.config.jax_compilation_cache_dir:
         folder = tmp_path_factory.mktemp("jax_cache")
         jax.config.update("jax_compilation_cache_dir", str(folder))

@@ -31,8 +31,9 @@ def check_hyperparameters(agent: Any) -> None:
     """
     for field in dataclasses.fields(agent):
         value, limits = getattr(agent, field.name), field.metadata
-        if "low" in limits and isinstance(value, int | float):
-            if not limits["low"] <= value <= limits["high"]:
+        if "low" in limits:
+            known = isinstance(value, int | float)
+            if known and not limits["low"] <= value <= limits["high"]:
                 wanted = f"a number from {limits['low']:g} to {limits['high']:g}"
                 raise out_of_domain(field.name, value, wanted)
         elif limits.get("choices"):
@@ -41,13 +42,13 @@ def check_hyperparameters(agent: Any) -> None:
         elif isinstance(field.default, int) and not isinstance(field.default, bool):
             if not isinstance(value, int) or isinstance(value, bool) or value < 1:
                 raise out_of_domain(field.name, value, "a positive whole number")
-        elif isinstance(field.default, tuple):
-            if not value or any(not isinstance(size, int) or size < 1 for size in value):
-                raise out_of_domain(field.name, list(value), "a list of positive whole numbers")
+        elif isinstance(field.default, tuple) and not (
+            value and all(isinstance(size, int) and size > 0 for size in value)
+        ):
+            raise out_of_domain(field.name, list(value), "a list of positive whole numbers")
 
 
-@struct.dataclass
-class LearnerState:
+class LearnerState(struct.PyTreeNode):
     """What an agent's update changes."""
 
     params: Any

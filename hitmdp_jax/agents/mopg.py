@@ -29,6 +29,7 @@ class MOPGNetwork(nn.Module):
     initial_log_std: jax.Array | float
 
     def setup(self):
+        """Declare the parts."""
         self.embeddings = self.param(
             "embeddings", nn.initializers.normal(1.0), (self.num_options, self.embedding_size)
         )
@@ -38,7 +39,8 @@ class MOPGNetwork(nn.Module):
         )
         self.critic = Critic(self.hidden_sizes)
 
-    def __call__(self, obs: jax.Array, option: jax.Array, similarity: jax.Array):
+    def __call__(self, obs: jax.Array, option: jax.Array, similarity: jax.Array) -> Any:
+        """Run every part once, which initialises it."""
         return self.master(obs, option, similarity), self.action(obs, option), self.q(obs, option)
 
     def master(self, obs: jax.Array, previous: jax.Array, similarity: jax.Array) -> jax.Array:
@@ -63,8 +65,7 @@ class MOPGNetwork(nn.Module):
         return self.critic(obs[:, None], jnp.eye(self.num_options))
 
 
-@struct.dataclass
-class MOPG:
+class MOPG(struct.PyTreeNode):
     """Learns K options and the master policy that chooses among them at every step.
 
     Maximises the ELBO (Thm 4.1) by PPO's clipped surrogate for both policies. The option stream is
@@ -143,7 +144,7 @@ class MOPG:
         option = master.mode() if deterministic else master.sample(seed=key_option)
         policy = self._apply(params, "action", obs, option)
         action = policy.mode() if deterministic else policy.sample(seed=key_action)
-        option = option.reshape(batch_shape)
+        option = jnp.reshape(option, batch_shape)
         return action.reshape(*batch_shape, -1), option, option
 
     def update(

@@ -26,17 +26,18 @@ class PPONetwork(nn.Module):
     initial_log_std: jax.Array | float
 
     def setup(self):
+        """Declare the parts."""
         self.decoder = ActionDecoder(
             self.action_size, self.hidden_sizes, self.activation, self.initial_log_std
         )
         self.critic = Critic(self.hidden_sizes, self.activation)
 
     def __call__(self, obs: jax.Array) -> tuple[distrax.MultivariateNormalDiag, jax.Array]:
+        """Return the policy over [..., A] and the value [...] of obs [..., O]."""
         return self.decoder(obs), self.critic(obs)
 
 
-@struct.dataclass
-class PPO:
+class PPO(struct.PyTreeNode):
     """Learns one Gaussian policy by the clipped surrogate. It has no memory.
 
     Sizes and hyperparameters equal MOPG's, so that the two differ in the options alone.
@@ -60,12 +61,10 @@ class PPO:
         """Return the network for actions of this size."""
         return PPONetwork(action_size, self.hidden_sizes, self.activation, self.initial_log_std)
 
-    def apply(
-        self, params: Any, obs: jax.Array
-    ) -> tuple[distrax.MultivariateNormalDiag, jax.Array]:
-        """Return the policy over [..., A] and the value [...] of obs [..., O]."""
+    def apply(self, params: Any, obs: jax.Array) -> Any:
+        """Return the policy, a distribution over [..., A], and the value [...] of obs [..., O]."""
         network = self.network(params["decoder"]["log_std"].size)
-        return network.apply({"params": params}, obs)  # pyright: ignore[reportReturnType]
+        return network.apply({"params": params}, obs)
 
     def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
         """Return new parameters and optimiser state."""

@@ -17,7 +17,8 @@ def read_metrics(run_dir: Path) -> dict[str, np.ndarray]:
     with (run_dir / "metrics.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     columns = {
-        name: np.array([float(row[name] or "nan") for row in rows]) for name in (rows[0] if rows else ())
+        name: np.array([float(row[name] or "nan") for row in rows])
+        for name in (rows[0] if rows else ())
     }
     num_seeds = len(np.unique(columns["seed"])) if columns else 1
     return {name: x.reshape(-1, num_seeds).T for name, x in columns.items()}
@@ -41,7 +42,9 @@ def learning_curve(metrics: dict[str, np.ndarray], title: str) -> Figure:
     known = ~np.isnan(returns).any(axis=0)
     mean, std = returns[:, known].mean(axis=0), returns[:, known].std(axis=0)
     axes.plot(steps[known], mean, color=OPTION_COLORS[0])
-    axes.fill_between(steps[known], mean - std, mean + std, color=OPTION_COLORS[0], alpha=0.25, lw=0)
+    axes.fill_between(
+        steps[known], mean - std, mean + std, color=OPTION_COLORS[0], alpha=0.25, lw=0
+    )
     axes.set(xlabel="environment steps", ylabel="episode return", title=title)
     axes.grid(alpha=0.3)
     return figure
@@ -61,7 +64,7 @@ def option_durations(metrics: dict[str, np.ndarray], title: str) -> Figure:
     shares = counts / counts.sum(axis=0)
     for k in range(len(names)):
         color = OPTION_COLORS[k % len(OPTION_COLORS)]
-        duration = np.asarray(mean_duration(counts[k], starts[k]))
+        duration = mean_duration(counts[k], starts[k])
         duration_axes.plot(steps, duration, color=color, label=f"option {k}")
     usage_axes.stackplot(steps, shares, colors=[OPTION_COLORS[k % 7] for k in range(len(names))])
     duration_axes.set(ylabel="mean duration (steps)", yscale="log", title=title)

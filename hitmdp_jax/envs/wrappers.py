@@ -6,8 +6,7 @@ from brax.envs.base import Env, State
 from flax import struct
 
 
-@struct.dataclass
-class VectorState:
+class VectorState(struct.PyTreeNode):
     """State of B environments and the pool of P fresh initial states they restart from."""
 
     env: State  # [B, ...]
@@ -18,8 +17,7 @@ class VectorState:
     next_fresh: jax.Array  # int32, the first state of the pool not yet used
 
 
-@struct.dataclass
-class Step:
+class Step(struct.PyTreeNode):
     """What one step of B environments yields. All fields are [B] or [B, ...]."""
 
     reward: jax.Array
@@ -95,7 +93,7 @@ class VectorEnv:
             reward=env.reward,
             terminated=terminated,
             truncated=truncated,
-            next_obs=env.obs,
+            next_obs=env.obs,  # pyright: ignore[reportArgumentType]
             episode_return=episode_return,
             episode_length=length,
             finished=ended & (clock == length),

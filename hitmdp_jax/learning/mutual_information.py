@@ -32,9 +32,7 @@ def action_information(
     return taken(log_action, option) - marginal
 
 
-def usage_information(
-    log_master: jax.Array, log_action: jax.Array, option: jax.Array
-) -> jax.Array:
+def usage_information(log_master: jax.Array, log_action: jax.Array, option: jax.Array) -> jax.Array:
     """Return log P(o_t | s, a, o_{t-1}) - log p(o_t), in nats [N], p the batch's option usage.
 
     What state and action say of the option, beyond how often it is used.

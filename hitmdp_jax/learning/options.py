@@ -1,7 +1,7 @@
 """What the options did in a rollout: usage and durations."""
 
 import jax
-import jax.numpy as jnp
+import numpy as np
 
 
 def option_statistics(
@@ -30,6 +30,6 @@ def option_statistics(
     }
 
 
-def mean_duration(steps: jax.Array, activations: jax.Array) -> jax.Array:
+def mean_duration(steps: np.ndarray, activations: np.ndarray) -> np.ndarray:
     """Return mean option duration in steps, from summed counts; never-ended options count once."""
-    return steps / jnp.maximum(activations, 1.0)
+    return steps / np.maximum(activations, 1.0)

@@ -26,16 +26,14 @@ class Actor(Protocol):
         ...
 
 
-@struct.dataclass
-class RolloutState:
+class RolloutState(struct.PyTreeNode):
     """What a rollout hands to the next one."""
 
     env: VectorState
     memory: Any  # [B, ...]
 
 
-@struct.dataclass
-class Batch:
+class Batch(struct.PyTreeNode):
     """A rollout as an agent's update reads it: T steps of B environments."""
 
     obs: jax.Array  # [T, B, O] normalised
@@ -49,9 +47,13 @@ class Batch:
     started: jax.Array  # [T, B] bool, the first step of an episode
 
 
-def normalize(
-    obs: jax.Array, normalizer: running_statistics.RunningStatisticsState
-) -> jax.Array:
+def observation_of(state: VectorState) -> jax.Array:
+    """Return the observations [B, O] that the environments show now."""
+    assert isinstance(state.env.obs, jax.Array), "dictionary observations are not supported"
+    return state.env.obs
+
+
+def normalize(obs: jax.Array, normalizer: running_statistics.RunningStatisticsState) -> jax.Array:
     """Return observations [..., O] in units of their running mean and standard deviation."""
     return running_statistics.normalize(obs, normalizer, max_abs_value=OBSERVATION_CLIP)
 
@@ -86,7 +88,7 @@ def collect(
 
     def step(carry: RolloutState, key: jax.Array):
         key_act, key_memory = jax.random.split(key)
-        obs, memory = carry.env.env.obs, carry.memory
+        obs, memory = observation_of(carry.env), carry.memory
         action, new_memory, record = agent.act(params, normalize(obs, normalizer), memory, key_act)
         env_state, outcome = env.step(carry.env, action)
         ended = outcome.terminated | outcome.truncated

@@ -25,12 +25,12 @@ class ActionDecoder(nn.Module):
     action_size: int
     sizes: tuple[int, ...] = (64, 64)
     activation: str = "relu"
-    initial_log_std: float = -0.5
+    initial_log_std: jax.Array | float = -0.5
     head_gain: float = 0.01
 
     @nn.compact
     def __call__(self, *inputs: jax.Array) -> distrax.MultivariateNormalDiag:
-        """Map inputs [..., I_i] to a distribution over actions [..., A]; unbounded, not squashed."""
+        """Map inputs [..., I_i] to an unbounded distribution over actions [..., A]."""
         features = MLP(self.sizes, self.activation, name="body")(*inputs)
         mean = nn.Dense(self.action_size, kernel_init=orthogonal(self.head_gain), name="mean")
         log_std = self.param(

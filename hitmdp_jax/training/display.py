@@ -48,7 +48,10 @@ class Display:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        tb: TracebackType | None,
     ) -> None:
         self._live.stop()
 
@@ -81,12 +84,18 @@ class Display:
             mean, std = np.nanmean(returns), np.nanstd(returns)
             facts.append(("return", f"{mean:,.1f} ± {std:,.1f} over {len(returns)} seeds"))
         if "option_steps" in self._recent[-1]:
-            steps = sum(m["option_steps"].sum(0) for m in self._recent)
-            activations = sum(m["option_activations"].sum() for m in self._recent)
+            steps = np.sum([m["option_steps"].sum(0) for m in self._recent], axis=0)
+            activations = np.sum([m["option_activations"].sum() for m in self._recent])
             usage = " ".join(f"{share:.0%}" for share in steps / steps.sum())
             facts.append(("option usage", usage))
-            facts.append(("option duration", f"{mean_duration(steps.sum(), activations):.1f} steps"))
-        for label, suffix in (("KL", "_kl"), ("clipped", "_clip_fraction"), ("entropy", "_entropy")):
+            facts.append(
+                ("option duration", f"{mean_duration(steps.sum(), activations):.1f} steps")
+            )
+        for label, suffix in (
+            ("KL", "_kl"),
+            ("clipped", "_clip_fraction"),
+            ("entropy", "_entropy"),
+        ):
             parts = [
                 f"{name.removesuffix(suffix)} {self._mean(name).mean():.3f}"
                 for name in self._recent[-1]

@@ -25,7 +25,7 @@ from hitmdp_jax.training.display import Display
 from hitmdp_jax.training.policy import restore
 from hitmdp_jax.training.program import make_train
 from hitmdp_jax.training.records import Records
-from hitmdp_jax.training.sweep import devices_for, place, sweep
+from hitmdp_jax.training.sweep import Device, devices_for, place, sweep
 
 
 def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
@@ -115,7 +115,7 @@ def seed_keys(config: RunConfig) -> jax.Array:
     return jax.vmap(jax.random.key)(config.seed + jnp.arange(config.seeds))
 
 
-def title(config: RunConfig, env: Env, devices: list[jax.Device]) -> str:
+def title(config: RunConfig, env: Env, devices: list[Device]) -> str:
     """Return the line that says what runs, and where something would be faster."""
     kind = devices[0].device_kind if devices[0].platform != "cpu" else "CPU"
     parts = [

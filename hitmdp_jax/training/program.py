@@ -15,8 +15,7 @@ from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.learning.rollout import RolloutState, collect
 
 
-@struct.dataclass
-class TrainState:
+class TrainState(struct.PyTreeNode):
     """Everything a training run consists of: continuing from it is exact."""
 
     learner: LearnerState
@@ -75,7 +74,7 @@ def make_train(
       num_envs: B, environments stepped side by side.
       rollout_length: T, steps of each environment an iteration.
       episode_length: time limit in steps; None takes the task's own.
-      reset_pool_size: fresh initial states drawn an iteration; None takes an eighth of its steps.
+      reset_pool_size: fresh initial states drawn an iteration; None takes a quarter of its steps.
       stagger: start the first episodes at random points of the time limit.
 
     Returns:
@@ -87,7 +86,7 @@ def make_train(
     """
     check_hyperparameters(agent)
     check_sizes(agent, num_steps, num_envs, rollout_length)
-    pool_size = reset_pool_size or max(1, num_envs * rollout_length // 8)
+    pool_size = reset_pool_size or max(1, num_envs * rollout_length // 4)
     vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger)
     observation_size, action_size = env.observation_size, env.action_size
     assert isinstance(observation_size, int)
@@ -125,8 +124,14 @@ def make_train(
 
 
 def train(
-    agent: Agent, env: Env, key: jax.Array, *, num_steps: int, num_envs: int = 16,
-    rollout_length: int = 128, **options: Any,
+    agent: Agent,
+    env: Env,
+    key: jax.Array,
+    *,
+    num_steps: int,
+    num_envs: int = 16,
+    rollout_length: int = 128,
+    **options: Any,
 ) -> tuple[TrainState, Metrics]:
     """Run a whole training run as one function of a key, to be jitted and vmapped.
 

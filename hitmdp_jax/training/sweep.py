@@ -1,6 +1,6 @@
 """Seeds as an axis of one compiled program, spread over the devices."""
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
 import numpy as np
@@ -10,16 +10,17 @@ from jax.sharding import PartitionSpec as P
 from hitmdp_jax.training.program import Init, Iterate
 
 AXIS = "seed"
+Device: TypeAlias = Any  # a jax.Device, which type checkers do not see as a class
 
 
-def devices_for(num_seeds: int) -> list[jax.Device]:
+def devices_for(num_seeds: int) -> list[Device]:
     """Return the devices a sweep runs on: as many as divide its seeds evenly."""
     devices = jax.local_devices()
     count = max(n for n in range(1, len(devices) + 1) if num_seeds % n == 0)
     return devices[:count]
 
 
-def sweep(init: Init, step: Iterate, devices: list[jax.Device]) -> tuple[Init, Iterate]:
+def sweep(init: Init, step: Iterate, devices: list[Device]) -> tuple[Init, Iterate]:
     """Map a training run over a leading axis of keys, sharded over devices, compiled.
 
     XLA's CPU back end runs programs this small on one core; presented as devices, the cores share
@@ -45,6 +46,6 @@ def sweep(init: Init, step: Iterate, devices: list[jax.Device]) -> tuple[Init, I
     )
 
 
-def place(tree: Any, devices: list[jax.Device]) -> Any:
+def place(tree: Any, devices: list[Device]) -> Any:
     """Lay arrays [S, ...] out over the devices."""
     return jax.device_put(tree, NamedSharding(Mesh(np.array(devices), (AXIS,)), P(AXIS)))

@@ -23,9 +23,7 @@ def case():
 
 def test_action_information_equals_enumeration(case):
     master, density, previous, option = case
-    result = mi.action_information(
-        np.log(master[np.arange(7), previous]), np.log(density), option
-    )
+    result = mi.action_information(np.log(master[np.arange(7), previous]), np.log(density), option)
     for n in range(7):
         marginal = sum(master[n, previous[n], o] * density[n, o] for o in range(K))
         expected = np.log(density[n, option[n]] / marginal)

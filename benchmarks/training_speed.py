@@ -1,0 +1,151 @@
+"""End-to-end training speed, start-up time and where an iteration's time goes.
+
+`python benchmarks/training_speed.py` prints one table; each row runs in a process of its own.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+from brax.envs.base import Env
+
+from hitmdp_jax.agents import Agent
+from hitmdp_jax.envs.physics.speed import native_speed
+from hitmdp_jax.envs.wrappers import VectorEnv
+from hitmdp_jax.learning.rollout import collect
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.loop import make_task, seed_keys
+from hitmdp_jax.training.program import make_train
+from hitmdp_jax.training.sweep import devices_for, place, sweep
+
+ROWS = (  # algo, physics, seeds
+    ("mopg", "native", 1),
+    ("mopg", "native", 4),
+    ("mopg", "native", 10),
+    ("ppo", "native", 1),
+    ("ppo", "native", 10),
+    ("mopg", "mjx", 1),
+)
+
+
+def settings(algo: str, physics: str, seeds: int) -> RunConfig:
+    """Return the default settings of a HalfCheetah run."""
+    return RunConfig.from_mapping(
+        {
+            "env": {"name": "halfcheetah"},
+            "algo": {"name": algo},
+            "physics": physics,
+            "seeds": seeds,
+            "seed": 0,
+            "total_steps": 1e6,
+            "num_envs": 16,
+            "rollout_length": 128,
+            "checkpoint_steps": 1e6,
+        }
+    )
+
+
+def measure(algo: str, physics: str, seeds: int, seconds: float) -> dict[str, float]:
+    """Time whole iterations, then rollout and update apart, of one configuration."""
+    config = settings(algo, physics, seeds)
+    devices = devices_for(seeds)
+    env = make_task(config, len(devices))
+    agent = config.make_agent()
+    program = make_train(agent, env, num_steps=config.total_steps)
+    init, step = sweep(*program, devices)
+
+    start = time.perf_counter()
+    state = init(place(seed_keys(config), devices))
+    state, _ = jax.block_until_ready(step(state))
+    first = time.perf_counter() - start
+
+    def per_call(function, *arguments) -> float:
+        jax.block_until_ready(function(*arguments))
+        start, calls = time.perf_counter(), 0
+        while time.perf_counter() - start < seconds:
+            jax.block_until_ready(function(*arguments))
+            calls += 1
+        return (time.perf_counter() - start) / calls
+
+    iteration = per_call(step, state)
+    rollout = per_call(sweep(*rollout_program(agent, env, config), devices)[1], state)
+    steps = config.steps_per_iteration * seeds
+    bare = native_speed(env.model, env.physics.frame_skip)  # pyright: ignore
+    return {
+        "steps_per_second": steps / iteration,
+        "first_iteration_s": first,
+        "rollout_share": rollout / iteration,
+        "physics_share": steps / bare / iteration if physics == "native" else float("nan"),
+    }
+
+
+def rollout_program(agent: Agent, env: Env, config: RunConfig) -> tuple[Any, Any]:
+    """Return a program whose step is the rollout alone."""
+    vector_env = VectorEnv(env, config.num_envs, config.steps_per_iteration // 4)
+
+    def step(state):
+        rollout, batch, _, _ = collect(
+            agent,
+            state.learner.params,
+            state.normalizer,
+            vector_env,
+            state.rollout,
+            state.key,
+            config.rollout_length,
+        )
+        return rollout, batch
+
+    return lambda key: key, step
+
+
+def in_own_process(row: tuple[str, str, int], seconds: float, cache: str) -> dict[str, float]:
+    """Measure a row as a fresh process sees it."""
+    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": cache}
+    arguments = [sys.executable, __file__, "--row", json.dumps(row), "--seconds", str(seconds)]
+    out = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=True)
+    return json.loads(out.stdout.splitlines()[-1])
+
+
+def import_seconds() -> float:
+    """Time `import hitmdp_jax` in a fresh process."""
+    code = "import time; t = time.perf_counter(); import hitmdp_jax; print(time.perf_counter() - t)"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return float(out.stdout)
+
+
+def main() -> None:
+    """Print the table, or one row of it as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=10.0, help="time spent on each figure")
+    parser.add_argument("--row", help="measure one row in this process: algo, physics, seeds")
+    options = parser.parse_args()
+    if options.row:
+        jax.config.update("jax_num_cpu_devices", os.cpu_count())
+        algo, physics, seeds = json.loads(options.row)
+        print(json.dumps(measure(algo, physics, seeds, options.seconds)))
+        return
+    print(f"import hitmdp_jax: {import_seconds():.1f} s")
+    print(
+        "algo  physics seeds  env steps/s  first iteration cold / warm (s)  rollout  bare physics"
+    )
+    with tempfile.TemporaryDirectory() as cache:
+        for row in ROWS:
+            cold = in_own_process(row, 0.1, str(Path(cache)))
+            warm = in_own_process(row, options.seconds, str(Path(cache)))
+            print(
+                f"{row[0]:5} {row[1]:7} {row[2]:5}  {warm['steps_per_second']:11,.0f}  "
+                f"{cold['first_iteration_s']:20.1f} / {warm['first_iteration_s']:.1f}"
+                f"{warm['rollout_share']:16.0%}  {warm['physics_share']:12.0%}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

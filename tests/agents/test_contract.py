@@ -1,0 +1,114 @@
+"""What every agent owes, whichever it is."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hitmdp_jax
+from hitmdp_jax.agents import AGENTS
+from hitmdp_jax.errors import UsageError
+from tests.probes import Target
+
+SIZES = {"num_envs": 8, "rollout_length": 16}
+
+
+@pytest.fixture(params=sorted(AGENTS))
+def agent(request):
+    return AGENTS[request.param](num_epochs=2)
+
+
+@pytest.mark.parametrize("batch_shape", [(), (3,), (2, 3)])
+def test_act_takes_any_batch_shape(agent, key, batch_shape):
+    params = agent.init(key, observation_size=5, action_size=2).params
+    memory = agent.initial_memory(key, batch_shape)
+    action, new_memory, _ = agent.act(params, jnp.ones((*batch_shape, 5)), memory, key)
+    assert action.shape == (*batch_shape, 2)
+    assert jax.tree.map(jnp.shape, memory) == jax.tree.map(jnp.shape, new_memory)
+
+
+def test_deterministic_actions_repeat(agent, key):
+    params = agent.init(key, 5, 2).params
+    memory = agent.initial_memory(key, (4,))
+    actions = [
+        agent.act(params, jnp.ones((4, 5)), memory, jax.random.key(i), deterministic=True)[0]
+        for i in range(2)
+    ]
+    np.testing.assert_array_equal(*actions)
+
+
+def test_iteration_keeps_structure_shapes_and_types(agent, key):
+    init, step = hitmdp_jax.make_train(agent, Target(), num_steps=128, **SIZES)
+    before = jax.eval_shape(init, key)
+    after, metrics = jax.eval_shape(step, before)
+    assert jax.tree.structure(before) == jax.tree.structure(after)
+    assert [(x.shape, x.dtype) for x in jax.tree.leaves(before)] == [
+        (x.shape, x.dtype) for x in jax.tree.leaves(after)
+    ]
+    assert {"episode_return", "episode_length", "episodes"} <= metrics.keys()
+
+
+def test_metrics_are_finite(agent, key):
+    _, metrics = jax.jit(
+        lambda k: hitmdp_jax.train(agent, Target(), k, num_steps=3 * 128, **SIZES)
+    )(key)
+    for name, value in metrics.items():
+        assert np.isfinite(value).all(), name
+
+
+def test_float_hyperparameters_are_leaves_and_the_rest_is_static(agent):
+    floats = [f for f in dataclasses.fields(agent) if isinstance(f.default, float)]
+    assert len(jax.tree.leaves(agent)) == len(floats)
+    assert {"learning_rate", "gamma", "clip_eps"} <= {f.name for f in floats}
+
+
+def test_two_learning_rates_train_in_one_program(agent, key):
+    rates = jnp.array([0.0, 3e-3])
+    state, _ = jax.jit(
+        jax.vmap(
+            lambda rate: hitmdp_jax.train(
+                agent.replace(learning_rate=rate), Target(), key, num_steps=128, **SIZES
+            )
+        )
+    )(rates)
+    init, _ = hitmdp_jax.make_train(agent, Target(), num_steps=128, **SIZES)
+    untrained = init(key).learner.params
+    trained = state.learner.params
+    same = jax.tree.map(lambda x, y: np.allclose(x[0], y, atol=1e-6), trained, untrained)
+    moved = jax.tree.map(lambda x, y: not np.allclose(x[1], y, atol=1e-6), trained, untrained)
+    assert all(jax.tree.leaves(same))
+    assert any(jax.tree.leaves(moved))
+
+
+def test_learns_to_hit_the_target(agent, key):
+    """The best return is 1; the first policy's is about 1 - 1/3 - exp(-0.5)^2 = 0.3."""
+    train = jax.jit(
+        lambda k: hitmdp_jax.train(
+            agent.replace(learning_rate=1e-3),
+            Target(),
+            k,
+            num_steps=80 * 128,
+            reset_pool_size=128,
+            **SIZES,
+        )
+    )
+    _, metrics = train(key)
+    returns = np.asarray(metrics["episode_return"])
+    assert returns[:3].mean() < 0.55
+    assert returns[-5:].mean() > 0.75
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"learning_rate": -1.0}, "learning_rate = -1.0 must be a number from 0 to inf"),
+        ({"gamma": 1.5}, "gamma = 1.5 must be a number from 0 to 1"),
+        ({"num_epochs": 0}, "num_epochs = 0 must be a positive whole number"),
+        ({"hidden_sizes": (64, -1)}, "must be a list of positive whole numbers"),
+    ],
+)
+def test_bad_hyperparameters_are_explained(agent, change, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        hitmdp_jax.make_train(agent.replace(**change), Target(), num_steps=128, **SIZES)

@@ -1,0 +1,100 @@
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import softmax
+
+from hitmdp_jax.networks.mlp import MLP
+from hitmdp_jax.networks.option_encoder import MASTER_POLICIES, OptionEncoder
+
+B, O, K, E = 6, 5, 4, 8  # noqa: E741
+
+
+@pytest.fixture
+def case(key):
+    keys = jax.random.split(key, 3)
+    obs = jax.random.normal(keys[0], (B, O))
+    previous = jax.random.randint(keys[1], (B,), 0, K)
+    return obs, previous, jax.random.normal(keys[2], (K, E))
+
+
+def initialized(form, key, case):
+    encoder = OptionEncoder(form, sizes=(16, 16))
+    params = encoder.init(key, *case, 0.75)
+    # Biases start at zero, where an error in them would not show.
+    return encoder, jax.tree.map(lambda x: x + 0.1 * jax.random.normal(key, x.shape), params)
+
+
+def query_of(params, form, obs, previous, embeddings):
+    body = MLP((16, 16)).apply({"params": params["query_body"]}, obs, embeddings[previous])
+    query = body @ params["query"]["kernel"] + params["query"]["bias"]
+    return query + (embeddings[previous] if form == "similarity" else 0.0)
+
+
+def logits_of(params, query, attended):
+    x = nn.LayerNorm().apply({"params": params["norm"]}, query + attended)
+    x = MLP((16, 16)).apply({"params": params["logits_body"]}, x)
+    return x @ params["logits"]["kernel"] + params["logits"]["bias"]
+
+
+def attention_by_hand(params, query, embeddings):
+    """Eq. 46-47 in NumPy, with one head."""
+
+    def project(name, x):
+        return x @ np.asarray(params[name]["kernel"])[:, 0] + np.asarray(params[name]["bias"])[0]
+
+    q, k, v = project("query", query), project("key", embeddings), project("value", embeddings)
+    weights = softmax(q @ k.T / np.sqrt(E), axis=-1)
+    return (weights @ v) @ np.asarray(params["out"]["kernel"])[0] + np.asarray(
+        params["out"]["bias"]
+    )
+
+
+@pytest.mark.parametrize("form", MASTER_POLICIES)
+def test_encoder_equals_flax_attention_on_each_sample(form, key, case):
+    """Flax's module called as documented, one sample with its own copy of keys and values."""
+    encoder, variables = initialized(form, key, case)
+    obs, previous, embeddings = case
+    params = variables["params"]
+    query = query_of(params, form, obs, previous, embeddings)
+    copies = jnp.broadcast_to(embeddings, (B, K, E))
+    flax_attention = nn.MultiHeadDotProductAttention(num_heads=1)
+    attended = flax_attention.apply({"params": params["attention"]}, query[:, None], copies)[:, 0]
+    expected = logits_of(params, query, attended)
+    if form == "similarity":
+        expected += 0.75 * query @ embeddings.T / jnp.sqrt(E)
+    logits = encoder.apply(variables, *case, 0.75)
+    np.testing.assert_allclose(logits, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_attention_equals_the_printed_equations(key, case):
+    encoder, variables = initialized("printed", key, case)
+    params = variables["params"]
+    query = query_of(params, "printed", *case)
+    attended = attention_by_hand(params["attention"], np.asarray(query), np.asarray(case[2]))
+    np.testing.assert_allclose(
+        encoder.apply(variables, *case, 0.0),
+        logits_of(params, query, attended),
+        rtol=1e-4,
+        atol=1e-5,
+    )
+
+
+def test_similarity_makes_an_option_its_own_nearest_neighbour(key):
+    embeddings = jax.random.normal(key, (4, 40))
+    obs, previous = jax.random.normal(key, (64, O)), jnp.arange(64) % 4
+    stay = {}
+    for form in MASTER_POLICIES:
+        encoder = OptionEncoder(form)
+        params = encoder.init(key, obs, previous, embeddings, 0.75)
+        probabilities = jax.nn.softmax(encoder.apply(params, obs, previous, embeddings, 0.75))
+        stay[form] = probabilities[jnp.arange(64), previous].mean()
+    assert stay["similarity"] > 0.9
+    np.testing.assert_allclose(stay["printed"], 0.25, atol=0.05)
+
+
+def test_similarity_weight_is_traced(key, case):
+    encoder, variables = initialized("similarity", key, case)
+    logits = jax.vmap(lambda c: encoder.apply(variables, *case, c))(jnp.array([0.0, 1.0]))
+    assert not np.allclose(logits[0], logits[1])

@@ -1,0 +1,101 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hitmdp_jax
+from hitmdp_jax.agents import MOPG
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training.program import num_iterations
+from tests.probes import Counter, Target
+
+AGENT = MOPG(num_epochs=2)
+SIZES = {"num_envs": 8, "rollout_length": 16}
+
+
+def assert_close(x, y, **tolerance):
+    def compare(a, b):
+        if jax.dtypes.issubdtype(a.dtype, jax.dtypes.prng_key):
+            a, b = jax.random.key_data(a), jax.random.key_data(b)
+        np.testing.assert_allclose(a, b, **tolerance)
+
+    jax.tree.map(compare, x, y)
+
+
+def test_train_is_init_and_repeated_steps(key):
+    init, step = hitmdp_jax.make_train(AGENT, Target(), num_steps=3 * 128, **SIZES)
+    state = init(key)
+    for _ in range(3):
+        state, metrics = step(state)
+    whole, all_metrics = jax.jit(
+        lambda k: hitmdp_jax.train(AGENT, Target(), k, num_steps=3 * 128, **SIZES)
+    )(key)
+    assert_close(whole, state, rtol=1e-3, atol=1e-5)
+    assert_close(jax.tree.map(lambda x: x[-1], all_metrics), metrics, rtol=1e-3, atol=1e-4)
+
+
+def test_a_seed_among_others_equals_the_seed_alone():
+    env = hitmdp_jax.make_env("invertedpendulum", physics="native")
+
+    def train(key):
+        return hitmdp_jax.train(AGENT, env, key, num_steps=2 * 128, **SIZES)
+
+    keys = jax.vmap(jax.random.key)(jnp.arange(4))
+    together = jax.jit(jax.vmap(train))(keys)
+    alone = jax.jit(train)(keys[3])
+    assert_close(jax.tree.map(lambda x: x[3], together), alone, rtol=1e-3, atol=1e-4)
+
+
+def test_the_same_seed_gives_the_same_result(key):
+    train = jax.jit(lambda k: hitmdp_jax.train(AGENT, Target(), k, num_steps=128, **SIZES))
+    assert_close(train(key), train(key), rtol=0)
+    other = train(jax.random.key(1))[0].learner.params["embeddings"]
+    assert not np.allclose(train(key)[0].learner.params["embeddings"], other)
+
+
+def test_agents_and_keys_map_together():
+    """The sweep of the design: one compiled program over hyperparameters and seeds."""
+    agents = jax.vmap(lambda rate: AGENT.replace(learning_rate=rate))(jnp.array([0.0, 1e-3]))
+    keys = jax.random.split(jax.random.key(0), 2)
+    _, metrics = jax.jit(
+        jax.vmap(lambda a, k: hitmdp_jax.train(a, Target(), k, num_steps=256, **SIZES))
+    )(agents, keys)
+    assert metrics["episode_return"].shape == (2, 2)
+    assert (metrics["action_kl"][0] < 1e-6).all()
+    assert (metrics["action_kl"][1, 1:] > 1e-6).all()
+
+
+def test_normaliser_equals_the_observations_statistics(key):
+    init, step = hitmdp_jax.make_train(AGENT, Target(), num_steps=128, **SIZES)
+    state = step(init(key))[0]
+    assert float(state.normalizer.std[0]) == pytest.approx(np.sqrt(1 / 3), abs=0.1)
+    assert float(state.normalizer.mean[0]) == pytest.approx(0.0, abs=0.2)
+
+
+def test_no_episode_ended_is_reported_as_nan(key):
+    train = jax.jit(
+        lambda k: hitmdp_jax.train(
+            AGENT, Counter(), k, num_steps=128, episode_length=1000, stagger=False, **SIZES
+        )
+    )
+    metrics = train(key)[1]
+    assert np.isnan(metrics["episode_return"]).all()
+    assert (metrics["episodes"] == 0).all()
+
+
+def test_iterations_cover_the_steps():
+    assert num_iterations(1_000_000, 16, 128) == 489
+    assert num_iterations(2048, 16, 128) == 1
+
+
+@pytest.mark.parametrize(
+    ("sizes", "sentence"),
+    [
+        ({"num_envs": 3, "rollout_length": 100}, "3 = 300 is not divisible by minibatch_size = 64"),
+        ({"num_envs": 0}, "num_envs = 0 must be a positive whole number"),
+        ({"rollout_length": -5}, "rollout_length = -5 must be a positive whole number"),
+    ],
+)
+def test_sizes_that_do_not_fit_are_explained(sizes, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        hitmdp_jax.make_train(MOPG(), Target(), num_steps=10, **sizes)
