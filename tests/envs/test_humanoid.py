@@ -9,8 +9,9 @@ def test_native_steps_as_gymnasium(version):
 
 
 @pytest.mark.slow
-def test_mjx_steps_as_gymnasium():
-    assert_steps_agree("humanoid", "v5", "mjx", num_steps=1, tolerance=2e-3)
+@pytest.mark.parametrize("version", ["v4", "v5"])
+def test_mjx_steps_as_gymnasium(version):
+    assert_steps_agree("humanoid", version, "mjx", num_steps=1, tolerance=1e-3)
 
 
 @pytest.mark.parametrize("version", ["v5"])

@@ -11,8 +11,7 @@ from flax import struct
 MAX_VALUE = float(mujoco.mjMAXVAL)
 
 
-@struct.dataclass
-class PhysicsState:
+class PhysicsState(struct.PyTreeNode):
     """Generalised state of one simulation, plus the derived fields its task reads.
 
     Angles are in rad, positions in m, velocities per second. Derived fields (`state["xpos"]`) are
@@ -45,6 +44,12 @@ def blank_state(model: mujoco.MjModel, qpos: jax.Array, qvel: jax.Array) -> Phys
         unstable=jnp.zeros((), bool),
         derived={},
     )
+
+
+def beyond_limits(state: PhysicsState) -> jax.Array:
+    """Return whether MuJoCo would call the state unstable, acceleration included."""
+    values = jnp.concatenate([state.qpos, state.qvel, state.qacc_warmstart])
+    return ~(jnp.abs(values) < MAX_VALUE).all()  # so written that NaN is beyond them, too
 
 
 class Physics(Protocol):

@@ -1,14 +1,12 @@
 """MuJoCo XLA: physics as a JAX program, for any device."""
 
-import dataclasses
 from collections.abc import Sequence
 
 import jax
-import jax.numpy as jnp
 import mujoco
 from mujoco import mjx
 
-from hitmdp_jax.envs.physics.base import MAX_VALUE, PhysicsState, blank_state
+from hitmdp_jax.envs.physics.base import PhysicsState, beyond_limits, blank_state
 from hitmdp_jax.errors import UsageError, missing_extra
 
 
@@ -77,11 +75,7 @@ class MjxPhysics:
             return carry, None
 
         after, _ = jax.lax.scan(substep, state.replace(ctrl=ctrl), length=self.frame_skip)
-        extremes = jnp.concatenate([after.qpos, after.qvel, after.qacc_warmstart])
-        return after.replace(
-            displacement=after.qpos - state.qpos,
-            unstable=~(jnp.abs(extremes) < MAX_VALUE).all(),  # not a number is not below it
-        )
+        return after.replace(displacement=after.qpos - state.qpos, unstable=beyond_limits(after))
 
     def _load(self, state: PhysicsState) -> mjx.Data:
         return self._blank.replace(
@@ -92,6 +86,6 @@ class MjxPhysics:
         )
 
     def _read(self, data: mjx.Data) -> dict[str, jax.Array]:
-        # Some fields are MJX's own layout of MuJoCo's data (`_impl`): cinert, cfrc_ext.
-        public = {field.name for field in dataclasses.fields(data)}
-        return {f: getattr(data if f in public else data._impl, f) for f in self._fields}
+        # MJX keeps some of MuJoCo's fields among its implementation's own: cinert, cfrc_ext.
+        own = data._impl
+        return {f: getattr(own if hasattr(own, f) else data, f) for f in self._fields}

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
-from hitmdp_jax.envs.physics.base import PhysicsState, blank_state
+from hitmdp_jax.envs.physics.base import PhysicsState, beyond_limits, blank_state
 
 # Warnings with which MuJoCo says that it found a state unstable.
 _UNSTABLE = [
@@ -78,17 +78,18 @@ class NativePhysics:
             vmap_method="broadcast_all",
         )
         parts = jnp.split(out, np.cumsum(sizes)[:-1])
-        return state.replace(
+        state = state.replace(
             qpos=parts[0],
             qvel=parts[1],
             qacc_warmstart=parts[2],
             displacement=parts[3],
-            unstable=parts[4][0] > 0,
             derived={
                 field: part.reshape(shape)
                 for (field, shape), part in zip(self._field_shapes.items(), parts[5:], strict=True)
             },
         )
+        # MuJoCo warns of what it finds at the start of a substep; the last one's end is seen here.
+        return state.replace(unstable=(parts[4][0] > 0) | beyond_limits(state))
 
     def _on_host(self, what: str, packed: jax.Array) -> np.ndarray:
         rows = np.asarray(packed)
