@@ -24,13 +24,17 @@ def read_metrics(run_dir: Path) -> dict[str, np.ndarray]:
     return {name: x.reshape(-1, num_seeds).T for name, x in columns.items()}
 
 
+def window_sum(x: np.ndarray, window: int = WINDOW) -> np.ndarray:
+    """Return the sum [S, n] of each curve's last `window` points."""
+    total = np.cumsum(x, axis=1)
+    total[:, window:] -= total[:, :-window].copy()
+    return total
+
+
 def smooth(x: np.ndarray, window: int = WINDOW) -> np.ndarray:
     """Return the mean [S, n] of each curve's last `window` points, NaN left out."""
     known = ~np.isnan(x)
-    total = np.cumsum(np.where(known, x, 0.0), axis=1)
-    count = np.cumsum(known, axis=1)
-    total[:, window:] -= total[:, :-window].copy()
-    count[:, window:] -= count[:, :-window].copy()
+    total, count = window_sum(np.where(known, x, 0.0), window), window_sum(known, window)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
@@ -59,8 +63,8 @@ def option_durations(metrics: dict[str, np.ndarray], title: str) -> Figure:
     duration_axes, usage_axes = figure.subplots(2, sharex=True)
     steps = metrics["env_steps"][0]
     names = [name for name in metrics if name.startswith("option_steps_")]
-    counts = np.stack([smooth(metrics[name])[0] for name in names])
-    starts = np.stack([smooth(metrics[n.replace("steps", "activations")])[0] for n in names])
+    counts = np.stack([window_sum(metrics[name])[0] for name in names])
+    starts = np.stack([window_sum(metrics[n.replace("steps", "activations")])[0] for n in names])
     shares = counts / counts.sum(axis=0)
     for k in range(len(names)):
         color = OPTION_COLORS[k % len(OPTION_COLORS)]
@@ -73,10 +77,9 @@ def option_durations(metrics: dict[str, np.ndarray], title: str) -> Figure:
     return figure
 
 
-def draw_figures(run_dir: Path) -> list[Path]:
+def draw_figures(run_dir: Path, title: str) -> list[Path]:
     """Draw every figure the run's metrics allow into its `figures/`; return their paths."""
     metrics = read_metrics(run_dir)
-    title = " ".join(run_dir.absolute().parts[-3:-1])
     figures = {}
     if "episode_return" in metrics and not np.isnan(metrics["episode_return"]).all():
         figures["learning_curve"] = learning_curve(metrics, title)

@@ -31,5 +31,9 @@ def option_statistics(
 
 
 def mean_duration(steps: np.ndarray, activations: np.ndarray) -> np.ndarray:
-    """Return mean option duration in steps, from summed counts; never-ended options count once."""
-    return steps / np.maximum(activations, 1.0)
+    """Return mean option duration in steps, from summed counts.
+
+    An option that ran on throughout counts as activated once; the duration of one that never ran is
+    NaN.
+    """
+    return np.where(steps > 0, steps / np.maximum(activations, 1.0), np.nan)

@@ -98,7 +98,7 @@ def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
         checkpoints.save(iteration, state)
         stopped = f" Stopped at {iteration * per_iteration:,} env steps." if interrupted() else ""
         display.message(f"Saving to {run_dir}.{stopped}")
-    draw_figures(run_dir)
+    draw_figures(run_dir, f"{config.algo['name']} on {config.env['name']}")
 
 
 def make_task(config: RunConfig, num_devices: int) -> Env:

@@ -1,6 +1,6 @@
 import numpy as np
 
-from hitmdp_jax.analysis.figures import draw_figures, read_metrics, smooth
+from hitmdp_jax.analysis.figures import draw_figures, read_metrics, smooth, window_sum
 from hitmdp_jax.training.records import Records
 
 
@@ -28,10 +28,14 @@ def test_smoothing_averages_the_window_and_skips_gaps():
     np.testing.assert_allclose(smooth(x, window=2), [[np.nan, 2.0, 3.0, 4.0, 9.0]])
 
 
+def test_window_sums_add_the_last_points():
+    np.testing.assert_allclose(window_sum(np.array([[1.0, 2.0, 3.0, 4.0]]), 2), [[1, 3, 5, 7]])
+
+
 def test_figures_follow_what_was_logged(tmp_path):
     write_run(tmp_path, options=False)
-    assert [p.name for p in draw_figures(tmp_path)] == ["learning_curve.png"]
+    assert [p.name for p in draw_figures(tmp_path, 'a run')] == ["learning_curve.png"]
     write_run(tmp_path)
-    paths = draw_figures(tmp_path)
+    paths = draw_figures(tmp_path, 'a run')
     assert [p.name for p in paths] == ["learning_curve.png", "option_durations.png"]
     assert all(p.stat().st_size > 10_000 for p in paths)

@@ -15,5 +15,9 @@ def test_counts_of_a_hand_written_sequence():
     assert mean_duration(counts["option_steps"].sum(), counts["option_activations"].sum()) == 1.5
 
 
-def test_an_option_that_never_ended_counts_once():
+def test_an_option_that_ran_throughout_counts_once():
     assert mean_duration(np.array(2048.0), np.array(0.0)) == 2048
+
+
+def test_an_option_that_never_ran_has_no_duration():
+    assert np.isnan(mean_duration(np.array(0.0), np.array(0.0)))

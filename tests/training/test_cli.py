@@ -162,7 +162,7 @@ def test_ctrl_c_saves_what_was_learned(environment, tmp_path):
         ("physics=natve", "Unknown physics 'natve'; did you mean 'native'?"),
         ("num_env=3", "Unknown setting 'num_env'; did you mean 'num_envs'?"),
         ("algo.gama=3", "Unknown setting 'algo.gama'; did you mean 'algo.gamma'?"),
-        ("num_envs=3", "is not divisible by minibatch_size = 64"),
+        ("rollout_length=10", "is not divisible by minibatch_size = 64"),
         ("seeds=-1", "seeds = -1 must be a positive whole number"),
         ("algo.learning_rate=-1", "learning_rate = -1.0 must be a number from 0"),
         ("halfcheetah", "'halfcheetah' is not of the form name=value"),

@@ -61,7 +61,7 @@ def test_settings_survive_saving(tmp_path):
         ({"algo": {"name": "ppo", "gamma": "x"}}, "algo.gamma = x must be a number"),
         ({"algo": {"name": "ppo", "learning_rate": -1}}, "learning_rate = -1.0 must be"),
         ({"env": {"name": "cheetah"}}, "did you mean 'halfcheetah'?"),
-        ({"num_envs": 3}, "is not divisible by minibatch_size = 64"),
+        ({"rollout_length": 10}, "is not divisible by minibatch_size = 64"),
         ({"steps": 3}, "Unknown setting 'steps'"),
     ],
 )
