@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hitmdp_jax import make_env
+from hitmdp_jax.envs.physics.mjx import MjxPhysics
 
 GYMNASIUM_NAMES = {
     "halfcheetah": "HalfCheetah",
@@ -76,6 +77,17 @@ def random_actions(env, shape, rng):
     return rng.uniform(low, high, (*shape, *low.shape)).astype(np.float32)
 
 
+def mjx_with_elliptic_cones(model, frame_skip, fields):
+    """Build MJX for a model with elliptic friction cones and the solver's full budget.
+
+    Cones have no orientation. Gymnasium's models have pyramids, which MJX lays along other axes
+    than MuJoCo C does where a capsule stands steeply on the floor.
+    """
+    model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    model.opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    return MjxPhysics(model, frame_skip, fields)
+
+
 def gymnasium_steps(env, qpos, qvel, actions):
     """Step Gymnasium from N states under actions [T, N, A]."""
     initial, trajectories = [], []
@@ -132,12 +144,12 @@ def assert_steps_agree(
 ):
     """Ours gives Gymnasium's observation, reward, terms and termination at every step.
 
-    The tolerance is relative to values beyond 1 and absolute below. MuJoCo C runs Gymnasium's
-    solver; where MJX needs another one, Gymnasium gets that one too.
+    The tolerance is relative to values beyond 1 and absolute below. Gymnasium gets the solver and
+    the friction cones of our model, which are its own for `physics="native"`.
     """
     oracle = gymnasium_env(name, version, **task_kwargs)
     env = make_env(name, physics=physics, version=version, **task_kwargs)
-    oracle.model.opt.solver = env.model.opt.solver
+    oracle.model.opt.solver, oracle.model.opt.cone = env.model.opt.solver, env.model.opt.cone
     qpos, qvel = random_states(oracle)
     rng = np.random.default_rng(1)
     actions = random_actions(oracle, (num_steps, len(qpos)), rng)
