@@ -1,0 +1,240 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+
+from hitmdp_jax.theory import (
+    HiTMDP,
+    bellman_operator,
+    evaluate,
+    evaluate_by_iteration,
+    hidden_temporal_operator,
+    hidden_values,
+    hit_mdp,
+    markovian_option_value,
+    option_value_upon_arrival,
+)
+from hitmdp_jax.theory.hit_mdp import option_action_value
+
+from .strategies import (
+    SHAPE,
+    few,
+    hit_mdps,
+    option_models,
+    random_hit_mdp,
+    random_option_model,
+    tables,
+)
+
+S, K, A = SHAPE
+solve = jax.jit(evaluate)
+solve_hidden = jax.jit(hidden_values)
+operate = jax.jit(hidden_temporal_operator)
+iterate = jax.jit(evaluate_by_iteration)
+
+
+def sup_norm(x):
+    return float(jnp.abs(x).max())
+
+
+@few
+@given(option_models())
+def test_theorem_3_2_values_are_the_operators_fixed_point(model):
+    values = solve(model)
+    again = bellman_operator(model, values.q_action)
+    np.testing.assert_allclose(again, values.q_action, rtol=1e-10, atol=1e-10)
+
+
+@few
+@given(option_models())
+def test_eq_6_v_bar_averages_action_values(model):
+    values, policy = solve(model), hit_mdp(model).master
+    q_option = jnp.einsum("ksa,ska->sk", model.action, values.q_action)  # Eq. 28
+    np.testing.assert_allclose(values.q_option, q_option, rtol=1e-10, atol=1e-10)
+    v_bar = jnp.einsum("spo,so->sp", policy, q_option)
+    np.testing.assert_allclose(values.v_bar, v_bar, rtol=1e-10, atol=1e-10)
+    v = (model.master * q_option).sum(-1)  # Eq. 27
+    np.testing.assert_allclose(values.v, v, rtol=1e-10, atol=1e-10)
+
+
+@few
+@given(option_models())
+def test_proposition_d_1_4_value_upon_arrival_is_v_bar(model):
+    arrival = option_value_upon_arrival(model)
+    np.testing.assert_allclose(arrival, solve(model).v_bar, rtol=1e-10, atol=1e-10)
+
+
+@few
+@given(hit_mdps(interior=False), tables(S, K, A), tables(S, K, A))
+def test_theorem_3_3_operator_contracts_by_gamma(hit, q, other):
+    before = sup_norm(q - other)
+    after = sup_norm(operate(hit, q) - operate(hit, other))
+    assert after <= float(hit.gamma) * before + 1e-12
+
+
+@few
+@given(hit_mdps(interior=False), tables(S, K), tables(S, K))
+def test_theorem_3_3_contraction_over_augmented_states(hit, v_bar, other):
+    # the form of Eq. 40-42: V-bar -> Q_A -> V-bar, sup norm over (s, o_prev)
+    def operator(v):
+        return markovian_option_value(hit, option_action_value(hit, v))
+
+    after = sup_norm(operator(v_bar) - operator(other))
+    assert after <= float(hit.gamma) * sup_norm(v_bar - other) + 1e-12
+
+
+@few
+@given(hit_mdps(interior=False), tables(S, K, A))
+def test_factor_gamma_is_tight(hit, q):
+    # a constant is discounted once: no factor below gamma, such as the gamma^2 that the third
+    # line of Eq. 42 prints, holds for all pairs
+    shifted = operate(hit, q + 8.0) - operate(hit, q)
+    np.testing.assert_allclose(shifted, 8.0 * hit.gamma, atol=1e-12)
+
+
+@few
+@given(hit_mdps(interior=False))
+def test_theorem_3_3_iteration_converges_to_the_linear_solve(hit):
+    fixed_point = solve_hidden(hit).q_action
+    q = jnp.full_like(fixed_point, 7.0)
+    error = sup_norm(q - fixed_point)
+    for n in (1, 10, 100):
+        after = sup_norm(iterate(hit, n, q) - fixed_point)
+        assert after <= float(hit.gamma) ** n * error + 1e-9
+
+
+def test_iteration_finds_the_policys_value_not_the_optimal_one():
+    # one state, two actions worth 0 and 1, an option that always takes the first
+    model = dataclasses.replace(
+        random_option_model(shape=(1, 1, 2), gamma=0.5),
+        reward=jnp.array([[0.0, 1.0]]),
+        action=jnp.array([[[1.0, 0.0]]]),
+    )
+    np.testing.assert_allclose(iterate(model, 60)[0, 0], [0.0, 1.0], atol=1e-12)
+    assert solve(model).v[0] == 0.0  # the optimal value is 1 / (1 - 0.5) = 2
+
+
+def test_eq_7_as_printed_counts_the_first_reward_twice():
+    # state 0 pays 1 and leads to state 1, which pays nothing for ever: G = 1
+    hit = HiTMDP(
+        transition=jnp.array([[[0.0, 1.0]], [[0.0, 1.0]]]),
+        reward=jnp.array([[1.0], [0.0]]),
+        master=jnp.ones((2, 1, 1)),
+        action=jnp.ones((1, 2, 1)),
+        gamma=0.9,
+    )
+    assert solve_hidden(hit).q_action[0, 0, 0] == pytest.approx(1.0)
+    rewards = np.array([1.0, 0.0, 0.0])  # r_{t+1}, r_{t+2}, r_{t+3}
+    printed = 1.0 + sum(0.9**n * rewards[n - 1] for n in (1, 2, 3))  # r + sum_l gamma^l r_{t+l}
+    right = 1.0 + sum(0.9**n * rewards[n] for n in (1, 2))  # r + sum_l gamma^l r_{t+l+1}
+    assert (printed, right) == (1.9, 1.0)
+
+
+def test_eq_41_reward_cannot_leave_the_expectation():
+    # r(s, a) has no value outside a sum over a: V-bar(s0) = E[r] = 0.5, yet no r(s0, a) is 0.5
+    model = dataclasses.replace(
+        random_option_model(shape=(1, 1, 2), gamma=0.0),
+        reward=jnp.array([[0.0, 1.0]]),
+        action=jnp.array([[[0.5, 0.5]]]),
+    )
+    assert solve(model).v_bar[0, 0] == 0.5
+
+
+def test_missing_transition_mass_ends_the_episode():
+    ending = random_hit_mdp()
+    ending = dataclasses.replace(ending, transition=0.7 * ending.transition)
+    # the same with a state to go to, where nothing is earned
+    transition = jnp.zeros((S + 1, A, S + 1)).at[:S, :, :S].set(ending.transition)
+    transition = transition.at[:S, :, S].set(0.3).at[S, :, S].set(1.0)
+    absorbing = HiTMDP(
+        transition=transition,
+        reward=jnp.concatenate([ending.reward, jnp.zeros((1, A))]),
+        master=jnp.concatenate([ending.master, ending.master[:1]]),
+        action=jnp.concatenate([ending.action, ending.action[:, :1]], axis=1),
+        gamma=ending.gamma,
+    )
+    np.testing.assert_allclose(
+        solve_hidden(ending).v_bar, solve_hidden(absorbing).v_bar[:S], rtol=1e-12
+    )
+
+
+def test_evaluate_jits_vmaps_and_differentiates():
+    models = [random_option_model(seed) for seed in range(3)]
+    stacked = jax.tree.map(lambda *x: jnp.stack([jnp.asarray(y) for y in x]), *models)
+    batch = jax.jit(jax.vmap(evaluate))(stacked)
+    alone = jax.tree.map(lambda *x: jnp.stack(x), *map(solve, models))
+    for x, y in zip(jax.tree.leaves(batch), jax.tree.leaves(alone), strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-10)
+    np.testing.assert_allclose(evaluate(models[2]).v, alone.v[2], rtol=1e-10)  # not jitted
+    never = dataclasses.replace(models[0], termination=jnp.zeros((K, S)))
+    gradient = jax.jit(jax.grad(lambda m: evaluate(m).v_bar.sum()))(never)
+    assert all(bool(jnp.isfinite(x).all()) for x in jax.tree.leaves(gradient))
+
+
+def joint_step(model, first):
+    """P(s0, o0, a0, s1, b1, o1), axes in this order."""
+    beta = jnp.stack([1 - model.termination, model.termination])  # [b, o0, s1]
+    master = model.master
+    choice = jnp.stack(  # [b, s1, o0, o1]
+        [jnp.broadcast_to(jnp.eye(K), (S, K, K)), jnp.broadcast_to(master[:, None], (S, K, K))]
+    )
+    return jnp.einsum(
+        "so,osa,sat,bot,btop->soatbp",
+        first,
+        model.action,
+        model.transition,
+        beta,
+        choice,
+    )
+
+
+def conditional(joint, value, given_axes):
+    """E[value | the variables on given_axes], broadcast against joint."""
+    others = tuple(i for i in range(joint.ndim) if i not in given_axes)
+    total = (joint * value).sum(others, keepdims=True)
+    return total / joint.sum(others, keepdims=True)
+
+
+@pytest.mark.parametrize(
+    ("equation", "printed", "right", "claimed_irrelevant"),
+    [
+        # G_{t+1} _||_ b_{t+1} | o_{t+1}: the termination tells where the agent arrived
+        ("29", (5,), (3, 5), 4),
+        # G_{t+1} _||_ s_t | s_{t+1}, o_t: right as printed
+        ("30", (3, 1), (3, 1), 0),
+        # G_{t+1} _||_ a_t | s_{t+1}: the action tells which option is under way
+        ("31", (3,), (3, 1), 2),
+        # G_{t+1} _||_ o_t | s_{t+1}, o_{t+1}: right as printed
+        ("32", (3, 5), (3, 5), 1),
+    ],
+)
+def test_conditional_independences_29_to_32(equation, printed, right, claimed_irrelevant):
+    model = random_option_model()
+    joint = joint_step(model, jnp.full((S, K), 1 / (S * K)))
+    next_return = solve(model).q_option[None, None, None, :, None, :]  # E[G_1 | s1, o1]
+
+    def dependence(conditions):
+        without = conditional(joint, next_return, conditions)
+        return sup_norm(
+            conditional(joint, next_return, (*conditions, claimed_irrelevant)) - without
+        )
+
+    assert dependence(right) < 1e-12
+    assert (dependence(printed) > 1e-3) == (printed != right)
+
+
+def test_eq_33_needs_the_state_and_holds_for_one_step_only():
+    # printed: {R_{t+1}, G_t, s_{t+1}} _||_ o_t | a_t
+    model = random_option_model()
+    q_action = solve(model).q_action  # E[G_t | s, o, a]: the option goes on after the action
+    assert sup_norm(q_action - q_action.mean(1, keepdims=True)) > 1e-3
+    # the option also tells of the state, hence of the reward; given s_t too, it tells nothing
+    joint = jnp.einsum("so,osa->soa", jnp.full((S, K), 1 / (S * K)), model.action)
+    reward = model.reward[:, None]
+    by_option = conditional(joint, reward, (1, 2)) - conditional(joint, reward, (2,))
+    assert sup_norm(by_option) > 1e-3
+    given_state = conditional(joint, reward, (0, 1, 2)) - conditional(joint, reward, (0, 2))
+    assert sup_norm(given_state) < 1e-12
