@@ -25,7 +25,7 @@ from hitmdp_jax.envs.base import MujocoEnv
 
 FULL = (100, 50)  # iterations and line-search iterations, MuJoCo's defaults
 ITERATIONS = (8, 6, 5, 4, 3, 2, 1)
-LS_ITERATIONS = (4, 2)
+LS_ITERATIONS = (4, 2)  # each is a program of its own to compile
 TRAJECTORY_STEPS = 128
 STRIDE = 4  # between the states of a trajectory that are used
 
@@ -110,6 +110,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("env", choices=list_envs())
     parser.add_argument("--num-states", type=int, default=256)
+    parser.add_argument("--ls-iterations", type=int, nargs="+", default=LS_ITERATIONS)
     args = parser.parse_args()
 
     env = make_env(args.env, physics="mjx")
@@ -121,7 +122,7 @@ def main() -> None:
 
     print(f"{args.env}: one control step from {args.num_states} states against MuJoCo C")
     print("iterations  ls_iterations  max |dqpos|      95 %    median  time (ms)")
-    for ls_iterations in (FULL[1], *LS_ITERATIONS):
+    for ls_iterations in (FULL[1], *args.ls_iterations):
         step = make_mjx_step(model, ls_iterations, frame_skip)
         for iterations in (FULL[0], *ITERATIONS):
             jax.block_until_ready(step(states, iterations))

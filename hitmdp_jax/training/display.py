@@ -67,7 +67,7 @@ class Display:
             self._console.print(f"{env_steps:,} of {self._total_steps:,} env steps  {facts}")
 
     def message(self, text: str) -> None:
-        """Print a line above the display."""
+        """Print a line."""
         self._console.print(text)
 
     def _table(self) -> Table:

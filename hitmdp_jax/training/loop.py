@@ -96,9 +96,10 @@ def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
         if pending:
             report(*pending)
         checkpoints.save(iteration, state)
-        stopped = f" Stopped at {iteration * per_iteration:,} env steps." if interrupted() else ""
-        display.message(f"Saving to {run_dir}.{stopped}")
+        early = interrupted()
     draw_figures(run_dir, f"{config.algo['name']} on {config.env['name']}")
+    where = f"Stopped at {iteration * per_iteration:,} env steps, saved" if early else "Saved"
+    display.message(f"{where} in {run_dir}.")
 
 
 def make_task(config: RunConfig, num_devices: int) -> Env:

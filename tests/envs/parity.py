@@ -128,24 +128,32 @@ def our_steps(env, qpos, qvel, actions):
     return Steps(np.asarray(initial_obs), obs, reward, done.astype(bool), terms)
 
 
-def assert_near(actual, desired, tolerance, what):
-    """Each difference is at most `tolerance`, relative to the value where that exceeds 1."""
+def assert_near(actual, desired, tolerance, share, what):
+    """Enough states [N, ...] are off by at most `tolerance`, relative to values beyond 1."""
     assert actual.shape == desired.shape, f"{what}: {actual.shape} for {desired.shape}"
     error = np.abs(actual - desired) / np.maximum(1.0, np.abs(desired))
-    worst = np.unravel_index(error.argmax(), error.shape)
-    assert error.max() <= tolerance, (
-        f"{what}: off by {error.max():.1e} at {[int(i) for i in worst]}: "
-        f"{actual[worst]} for {desired[worst]}"
+    error = error.reshape(len(error), -1).max(axis=1)
+    assert np.quantile(error, share) <= tolerance, (
+        f"{what}: off by {np.quantile(error, share):.1e}; worst in state {error.argmax()}: "
+        f"{actual[error.argmax()]} for {desired[error.argmax()]}"
     )
 
 
 def assert_steps_agree(
-    name, version, physics, num_steps=4, tolerance=1e-3, ignored_terms=(), **task_kwargs
+    name,
+    version,
+    physics,
+    num_steps=4,
+    tolerance=1e-3,
+    share=1.0,
+    ignored_terms=(),
+    **task_kwargs,
 ):
     """Ours gives Gymnasium's observation, reward, terms and termination at every step.
 
-    The tolerance is relative to values beyond 1 and absolute below. Gymnasium gets the solver and
-    the friction cones of our model, which are its own for `physics="native"`.
+    `share` of the states must agree; less than all where float32 makes a contact that float64
+    misses. The tolerance is relative to values beyond 1 and absolute below. Gymnasium gets the
+    solver and the friction cones of our model, which are its own for `physics="native"`.
     """
     oracle = gymnasium_env(name, version, **task_kwargs)
     env = make_env(name, physics=physics, version=version, **task_kwargs)
@@ -160,15 +168,16 @@ def assert_steps_agree(
     assert env.action_size == oracle.action_space.shape[0]
     assert env.episode_length == time_limit(name, version)
     assert env.dt == oracle.dt
-    assert_near(actual.initial_obs, desired.initial_obs, tolerance, "initial observation")
+    assert_near(actual.initial_obs, desired.initial_obs, tolerance, share, "initial observation")
     for step in range(num_steps):
-        assert_near(actual.obs[step], desired.obs[step], tolerance, f"observation {step}")
-        assert_near(actual.reward[step], desired.reward[step], tolerance, f"reward {step}")
-    np.testing.assert_array_equal(actual.terminated, desired.terminated)
+        assert_near(actual.obs[step], desired.obs[step], tolerance, share, f"observation {step}")
+        assert_near(actual.reward[step], desired.reward[step], tolerance, share, f"reward {step}")
+    assert (actual.terminated == desired.terminated).mean() >= share
     compared = set(env.reward_terms) - set(ignored_terms)
     for name_there, values in desired.terms.items():
         for term in {name_there, V4_TERMS.get(name_there)} & compared:
-            assert_near(actual.terms[term], values, tolerance, term)
+            for step in range(num_steps):
+                assert_near(actual.terms[term][step], values[step], tolerance, share, term)
     assert not actual.terms["unstable"].any()
 
 

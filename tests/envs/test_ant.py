@@ -14,8 +14,10 @@ def test_native_steps_as_gymnasium(version):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("version", ["v4", "v5"])
-def test_mjx_steps_as_gymnasium(version):
-    assert_steps_agree("ant", version, mjx_with_elliptic_cones, num_steps=1, tolerance=1e-2)
+def test_mjx_steps_as_gymnasium_with_elliptic_cones(version):
+    assert_steps_agree(
+        "ant", version, mjx_with_elliptic_cones, num_steps=1, tolerance=2e-3, share=0.9
+    )
 
 
 @pytest.mark.parametrize("version", ["v4", "v5"])

@@ -1,10 +1,6 @@
 import pytest
 
-from tests.envs.parity import (
-    assert_initial_states_agree,
-    assert_steps_agree,
-    mjx_with_elliptic_cones,
-)
+from tests.envs.parity import assert_initial_states_agree, assert_steps_agree
 
 
 @pytest.mark.parametrize("version", ["v4", "v5"])
@@ -13,9 +9,9 @@ def test_native_steps_as_gymnasium(version):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("version", ["v4", "v5"])
-def test_mjx_steps_as_gymnasium(version):
-    assert_steps_agree("humanoid", version, mjx_with_elliptic_cones, num_steps=1, tolerance=1e-2)
+@pytest.mark.timeout(1800)  # compiling takes minutes
+def test_mjx_steps_as_gymnasium_with_newton():
+    assert_steps_agree("humanoid", "v5", "mjx", num_steps=1, tolerance=2e-3, share=0.9)
 
 
 @pytest.mark.parametrize("version", ["v5"])

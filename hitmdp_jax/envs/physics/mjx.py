@@ -64,7 +64,7 @@ class MjxPhysics:
         def substep(carry: PhysicsState, _: None) -> tuple[PhysicsState, None]:
             data = mjx.step(self._mjx_model, self._load(carry))
             if "cfrc_ext" in self._fields:
-                # At every substep, though only the last is read: 1 % of the step's cost.
+                # Only the last substep's are read, but all are cheap beside the solver.
                 data = mjx.rne_postconstraint(self._mjx_model, data)
             carry = carry.replace(
                 qpos=data.qpos,
