@@ -1,7 +1,9 @@
 """The one exception that a user's mistake raises."""
 
 import difflib
+import sys
 from collections.abc import Iterable
+from typing import NoReturn
 
 
 class UsageError(ValueError):
@@ -9,6 +11,12 @@ class UsageError(ValueError):
 
     The command line prints the sentence alone and exits with code 2.
     """
+
+
+def exit_with(error: UsageError) -> NoReturn:
+    """End a command with the error's sentence and exit code 2."""
+    print(f"error: {error}", file=sys.stderr)
+    sys.exit(2)
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> UsageError:

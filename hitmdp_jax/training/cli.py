@@ -14,7 +14,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from hitmdp_jax.errors import UsageError, unknown_name
+from hitmdp_jax.errors import UsageError, exit_with, unknown_name
 from hitmdp_jax.training.config import RunConfig
 
 RESUMABLE = ("resume", "total_steps")  # what may stand on a command line that resumes a run
@@ -32,7 +32,7 @@ def main(config_dir: Path) -> None:
         if not {"-h", "--help", "--hydra-help"} & set(arguments):
             check_overrides([a for a in arguments if not a.startswith("-")], config_dir.absolute())
     except UsageError as error:
-        _exit(error)
+        exit_with(error)
     hydra.main(version_base="1.3", config_path=str(config_dir.absolute()), config_name="config")(
         _run
     )()
@@ -57,12 +57,7 @@ def _run(settings: DictConfig) -> None:
 
         run(config, run_dir, resume=resume is not None)
     except UsageError as error:
-        _exit(error)
-
-
-def _exit(error: UsageError) -> None:
-    print(f"error: {error}", file=sys.stderr)
-    sys.exit(2)
+        exit_with(error)
 
 
 def _resumed(run_dir: Path, overrides: list[str], total_steps: Any) -> RunConfig:

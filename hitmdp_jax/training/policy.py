@@ -61,13 +61,25 @@ def load(run_dir: str | Path, seed: int = 0) -> Policy:
             f"{seeds.stop - 1}."
         )
     agent = config.make_agent()
-    state = restore(run_dir, config, agent)[1]
-    mine = jax.tree.map(lambda x: x[seed - config.seed], (state.learner.params, state.normalizer))
-    return Policy(agent, *mine)
+    checkpoints = Checkpoints(run_dir)
+    try:
+        everyone = checkpoints.restore_policy(abstract_state(config, agent))
+    finally:
+        checkpoints.close()
+    return Policy(agent, *jax.tree.map(lambda x: x[seed - config.seed], everyone))
 
 
 def restore(run_dir: Path, config: RunConfig, agent: Agent) -> tuple[int, TrainState]:
     """Return the iteration and the state [S, ...] of a run's newest checkpoint."""
+    checkpoints = Checkpoints(run_dir)
+    try:
+        return checkpoints.restore(abstract_state(config, agent))
+    finally:
+        checkpoints.close()
+
+
+def abstract_state(config: RunConfig, agent: Agent) -> TrainState:
+    """Return the shapes and types of a run's state [S, ...]."""
     env = make_env(**config.env, physics=config.physics)
     init, _ = make_train(
         agent,
@@ -77,8 +89,4 @@ def restore(run_dir: Path, config: RunConfig, agent: Agent) -> tuple[int, TrainS
         rollout_length=config.rollout_length,
     )
     keys = jax.eval_shape(jax.vmap(jax.random.key), jnp.zeros(config.seeds, jnp.uint32))
-    checkpoints = Checkpoints(run_dir)
-    try:
-        return checkpoints.restore(jax.eval_shape(jax.vmap(init), keys))
-    finally:
-        checkpoints.close()
+    return jax.eval_shape(jax.vmap(init), keys)

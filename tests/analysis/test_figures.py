@@ -34,8 +34,8 @@ def test_window_sums_add_the_last_points():
 
 def test_figures_follow_what_was_logged(tmp_path):
     write_run(tmp_path, options=False)
-    assert [p.name for p in draw_figures(tmp_path, 'a run')] == ["learning_curve.png"]
+    assert [p.name for p in draw_figures(tmp_path, "a run")] == ["learning_curve.png"]
     write_run(tmp_path)
-    paths = draw_figures(tmp_path, 'a run')
+    paths = draw_figures(tmp_path, "a run")
     assert [p.name for p in paths] == ["learning_curve.png", "option_durations.png"]
     assert all(p.stat().st_size > 10_000 for p in paths)

@@ -93,6 +93,17 @@ def test_load_reads_the_policy_of_a_seed(finished):
         hitmdp_jax.load(run_dir, seed=0)
 
 
+def test_load_works_where_there_are_fewer_devices(finished):
+    """The run was trained on two; a process of one's own has one."""
+    run_dir, _ = finished
+    code = (
+        f"import hitmdp_jax, jax; hitmdp_jax.load({str(run_dir)!r}, 4); print(jax.device_count())"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout == "1\n"
+
+
 def test_resuming_continues_exactly(train, finished, tmp_path):
     """2048 steps and 2048 more equal 4096 at once, to the last bit of every parameter."""
     run_dir, _ = finished
