@@ -17,6 +17,8 @@ from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.surrogate import clipped_surrogate
 from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEncoder
 
+INITIAL_OPTIONS = ("uniform", "first")
+
 
 class MOPGNetwork(nn.Module):
     """Option embeddings W [K, E], the master policy, the action policy and the critic Q_O."""
@@ -73,7 +75,8 @@ class MOPG(struct.PyTreeNode):
     over V[s, o_{t-1}] = sum_o pi_O(o | s, o_{t-1}) Q_O[s, o] (Eq. 6) and over Q_O[s, o_t]; the
     printed Alg. 1 puts the reward-like terms inside gamma(...), see docs/errata.md.
 
-    Memory: the previous option o_{t-1}, an int; uniform at an episode's start.
+    Memory: the previous option o_{t-1}, an int. At an episode's start it is drawn uniformly, or is
+    option 0 ("first", Alg. 1 line 3), by which the master policy can tell an episode's start.
     """
 
     learning_rate: float = traced(3e-4)
@@ -91,6 +94,7 @@ class MOPG(struct.PyTreeNode):
     hidden_sizes: tuple[int, ...] = static((64, 64))
     master_policy: str = static("similarity", MASTER_POLICIES)
     mutual_information: str = static("none", mi.CHOICES)
+    initial_option: str = static("uniform", INITIAL_OPTIONS)
     bootstrap_on_truncation: bool = static(True)
     num_epochs: int = static(10)
     minibatch_size: int = static(64)
@@ -121,7 +125,9 @@ class MOPG(struct.PyTreeNode):
         return LearnerState(params, self._optimizer().init(params))
 
     def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> jax.Array:
-        """Return uniformly drawn previous options."""
+        """Return the previous options of an episode's start."""
+        if self.initial_option == "first":
+            return jnp.zeros(batch_shape, jnp.int32)
         return jax.random.randint(key, batch_shape, 0, self.num_options)
 
     def act(
