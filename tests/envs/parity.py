@@ -77,7 +77,7 @@ def random_actions(env, shape, rng):
     return rng.uniform(low, high, (*shape, *low.shape)).astype(np.float32)
 
 
-def mjx_with_elliptic_cones(model, frame_skip, fields):
+def mjx_with_elliptic_cones(model, frame_skip, fields, current_fields):
     """Build MJX for a model with elliptic friction cones and the solver's full budget.
 
     Cones have no orientation. Gymnasium's models have pyramids, which MJX lays along other axes
@@ -85,7 +85,7 @@ def mjx_with_elliptic_cones(model, frame_skip, fields):
     """
     model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     model.opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    return MjxPhysics(model, frame_skip, fields)
+    return MjxPhysics(model, frame_skip, fields, current_fields)
 
 
 def gymnasium_steps(env, qpos, qvel, actions):
