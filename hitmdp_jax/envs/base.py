@@ -37,6 +37,8 @@ class MujocoEnv(Env):
       physics: "mjx", "native" or "warp", or a constructor of a `Physics`.
       fields: names of the derived MjData fields the task reads.
       mjx_budget: solver iterations for MJX; None keeps the model's own.
+      current_fields: read derived fields of position and velocity at the state after the step, as
+        DeepMind Control does, and not a substep behind it, as Gymnasium does.
 
     Attributes:
       episode_length: the task's time limit in control steps; applied by `VectorEnv`, not here.
@@ -53,10 +55,11 @@ class MujocoEnv(Env):
         physics: PhysicsChoice = "mjx",
         fields: Sequence[str] = (),
         mjx_budget: SolverBudget | None = None,
+        current_fields: bool = False,
     ):
         if mjx_budget is not None and physics in ("mjx", "warp"):
             model.opt.iterations, model.opt.ls_iterations = mjx_budget
-        self.physics = make_physics(physics, model, frame_skip, fields)
+        self.physics = make_physics(physics, model, frame_skip, fields, current_fields)
         self.model = model
         self._action_low, self._action_high = (
             jnp.asarray(model.actuator_ctrlrange.T, jnp.float32)

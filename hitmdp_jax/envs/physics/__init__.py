@@ -12,26 +12,31 @@ ENGINES = ("mjx", "native", "warp")
 __all__ = ["ENGINES", "Physics", "PhysicsChoice", "PhysicsState", "make_physics"]
 
 
-PhysicsChoice = str | Callable[[mujoco.MjModel, int, Sequence[str]], Physics]
+PhysicsChoice = str | Callable[[mujoco.MjModel, int, Sequence[str], bool], Physics]
 
 
 def make_physics(
-    engine: PhysicsChoice, model: mujoco.MjModel, frame_skip: int, fields: Sequence[str] = ()
+    engine: PhysicsChoice,
+    model: mujoco.MjModel,
+    frame_skip: int,
+    fields: Sequence[str] = (),
+    current_fields: bool = False,
 ) -> Physics:
     """Build the engine of that name for a model.
 
     Args:
-      engine: "mjx", "native" or "warp"; or a constructor with the three arguments that follow.
+      engine: "mjx", "native" or "warp"; or a constructor with the four arguments that follow.
       model: the compiled MuJoCo model.
       frame_skip: substeps in one control step.
       fields: names of the derived MjData fields the task reads.
+      current_fields: bring the fields of position and velocity up to date after a step.
 
     Raises:
       UsageError: there is no engine of that name, its extra is missing, or the model has actuator
         activations, which neither engine carries.
     """
     if not isinstance(engine, str):
-        return engine(model, frame_skip, fields)
+        return engine(model, frame_skip, fields, current_fields)
     if engine not in ENGINES:
         raise unknown_name("physics", engine, ENGINES)
     if model.na:
@@ -39,7 +44,8 @@ def make_physics(
     if engine == "native":
         from hitmdp_jax.envs.physics.native import NativePhysics
 
-        return NativePhysics(model, frame_skip, fields)
+        return NativePhysics(model, frame_skip, fields, current_fields)
     from hitmdp_jax.envs.physics.mjx import MjxPhysics
 
-    return MjxPhysics(model, frame_skip, fields, "warp" if engine == "warp" else "jax")
+    implementation = "warp" if engine == "warp" else "jax"
+    return MjxPhysics(model, frame_skip, fields, current_fields, implementation)

@@ -16,8 +16,9 @@ class PhysicsState(struct.PyTreeNode):
 
     Angles are in rad, positions in m, velocities per second. Derived fields (`state["xpos"]`) are
     one substep behind `qpos` after a step, as in MuJoCo's own `mj_step` (with RK4: at its last
-    stage). External forces (`cfrc_ext`) are those of `mj_rnePostConstraint` on the same data, and
-    zero before the first step: what Gymnasium shows.
+    stage), unless the engine was built with `current_fields`. External forces (`cfrc_ext`) are
+    those of `mj_rnePostConstraint` on the same data, and zero before the first step: what Gymnasium
+    shows.
     """
 
     qpos: jax.Array  # [nq] generalised positions

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import jax
 import mujoco
+import numpy as np
 from mujoco import mjx
 
 from hitmdp_jax.envs.physics.base import PhysicsState, beyond_limits, blank_state
@@ -20,6 +21,7 @@ class MjxPhysics:
       model: the compiled model; its solver options are the budget MJX works with.
       frame_skip: substeps in one control step.
       fields: names of the derived MjData fields the task reads.
+      current_fields: compute them once more after the last substep, at the new state.
       implementation: "jax", or "warp" for NVIDIA's kernels (extra `warp`).
 
     Raises:
@@ -32,6 +34,7 @@ class MjxPhysics:
         model: mujoco.MjModel,
         frame_skip: int,
         fields: Sequence[str] = (),
+        current_fields: bool = False,
         implementation: str = "jax",
     ):
         if implementation == "warp":
@@ -47,6 +50,9 @@ class MjxPhysics:
         self.model = model
         self.frame_skip = frame_skip
         self._fields = tuple(fields)
+        self._current_fields = current_fields
+        blank = mujoco.MjData(model)
+        self._field_shapes = {f: np.shape(getattr(blank, f)) for f in self._fields}
         self._mjx_model = mjx.put_model(model, impl=implementation)
         self._blank = mjx.make_data(model, impl=implementation)
 
@@ -70,11 +76,15 @@ class MjxPhysics:
                 qpos=data.qpos,
                 qvel=data.qvel,
                 qacc_warmstart=data.qacc_warmstart,
-                derived=self._read(data),
+                derived=carry.derived if self._current_fields else self._read(data),
             )
             return carry, None
 
         after, _ = jax.lax.scan(substep, state.replace(ctrl=ctrl), length=self.frame_skip)
+        if self._current_fields:
+            # Of this, XLA keeps what leads to the fields: kinematics, not contacts or the solver.
+            data = mjx.forward(self._mjx_model, self._load(after))
+            after = after.replace(derived=self._read(data))
         return after.replace(displacement=after.qpos - state.qpos, unstable=beyond_limits(after))
 
     def _load(self, state: PhysicsState) -> mjx.Data:
@@ -86,6 +96,10 @@ class MjxPhysics:
         )
 
     def _read(self, data: mjx.Data) -> dict[str, jax.Array]:
-        # MJX keeps some of MuJoCo's fields among its implementation's own: cinert, cfrc_ext.
+        # MJX keeps some of MuJoCo's fields among its implementation's own (cinert, cfrc_ext), and
+        # shapes rotation matrices [3, 3] where MuJoCo has [9].
         own = data._impl
-        return {f: getattr(own if hasattr(own, f) else data, f) for f in self._fields}
+        return {
+            field: getattr(own if hasattr(own, field) else data, field).reshape(shape)
+            for field, shape in self._field_shapes.items()
+        }

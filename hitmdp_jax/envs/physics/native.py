@@ -21,6 +21,8 @@ _UNSTABLE = [
         mujoco.mjtWarning.mjWARN_BADQACC,
     )
 ]
+# What `Batch.step` computes at the new state: nothing, or what depends on position and velocity.
+_LAGGING, _CURRENT = mujoco.mjtStage.mjSTAGE_NONE, mujoco.mjtStage.mjSTAGE_VEL
 # Fields that only mj_rnePostConstraint computes.
 _POST_CONSTRAINT = ("cfrc_ext", "cfrc_int", "cacc")
 
@@ -37,6 +39,8 @@ class NativePhysics:
       model: the compiled model.
       frame_skip: substeps in one control step.
       fields: names of the derived MjData fields the task reads.
+      current_fields: compute those of position and velocity once more after the last substep, at
+        the new state.
       num_threads: threads of one call; 0 takes every core. Give each XLA device its share.
     """
 
@@ -47,12 +51,14 @@ class NativePhysics:
         model: mujoco.MjModel,
         frame_skip: int,
         fields: Sequence[str] = (),
+        current_fields: bool = False,
         num_threads: int = 0,
     ):
         self.model = model
         self.frame_skip = frame_skip
         self.num_threads = num_threads
         self._fields = tuple(fields)
+        self._current_fields = current_fields
         blank = mujoco.MjData(model)
         self._field_shapes = {f: np.shape(getattr(blank, f)) for f in self._fields}
         self._idle: dict[int, list[_Pool]] = {}
@@ -107,7 +113,14 @@ class NativePhysics:
             idle = self._idle.setdefault(num_rows, [])
             if idle:
                 return idle.pop()
-        return _Pool(self.model, self.frame_skip, self._fields, num_rows, self.num_threads)
+        return _Pool(
+            self.model,
+            self.frame_skip,
+            self._fields,
+            self._current_fields,
+            num_rows,
+            self.num_threads,
+        )
 
     def _give_back(self, pool: "_Pool") -> None:
         with self._lock:
@@ -122,11 +135,13 @@ class _Pool:
         model: mujoco.MjModel,
         frame_skip: int,
         fields: Sequence[str],
+        current_fields: bool,
         num_rows: int,
         num_threads: int,
     ):
         self.num_rows = num_rows
         self._frame_skip = frame_skip
+        self._stage_after = _CURRENT if current_fields else _LAGGING
         self._forces = {
             field: np.zeros((num_rows, model.nbody, 6))
             for field in fields
@@ -152,7 +167,7 @@ class _Pool:
         failed: np.ndarray | list[int] = []
         try:
             if what == "step":
-                self._batch.step(nstep=self._frame_skip)
+                self._batch.step(nstep=self._frame_skip, stage=self._stage_after)
             else:
                 self._batch.forward()
         except SimulationError as error:  # the other simulations ran to completion
