@@ -1,4 +1,4 @@
-"""Compiling the models that Gymnasium ships, with the small edits MuJoCo needs."""
+"""Compiling the models that other packages ship, with the small edits MuJoCo needs."""
 
 import importlib.util
 from collections.abc import Callable
@@ -32,7 +32,17 @@ def load_gymnasium_model(
       filename: the file's name, e.g. "half_cheetah.xml".
       edit: changes the specification before it is compiled.
     """
-    spec = mujoco.MjSpec.from_file(str(asset_path(*GYMNASIUM_ASSETS, filename)))
+    return load_model(asset_path(*GYMNASIUM_ASSETS, filename), edit)
+
+
+def load_model(path: Path, edit: Callable[[mujoco.MjSpec], None] | None = None) -> mujoco.MjModel:
+    """Compile the MuJoCo model in a file and the files it includes.
+
+    Args:
+      path: the XML file.
+      edit: changes the specification before it is compiled.
+    """
+    spec = mujoco.MjSpec.from_file(str(path))
     if edit is not None:
         edit(spec)
     # MuJoCo 4 warns about this attribute, on the terminal and in a log file, at every load; scaling
