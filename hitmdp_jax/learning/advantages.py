@@ -54,6 +54,39 @@ def generalized_advantages(
     return advantages
 
 
+def discounted_returns(
+    reward: jax.Array,
+    next_value: jax.Array,
+    terminated: jax.Array,
+    truncated: jax.Array,
+    gamma: jax.Array | float,
+    bootstrap_on_truncation: bool = True,
+) -> jax.Array:
+    r"""Return the discounted rewards to the episode's or the rollout's end, and the value there.
+
+    .. math::
+      R_t = r_t + \gamma R_{t+1}, \qquad R_T = r_T + \gamma V'_T \text{ at the end}
+
+    Args:
+      reward: [T, B].
+      next_value: [T, B], V' at the state step t reached; read where an episode or the rollout ends.
+      terminated: [T, B] bool, the task ended the episode at t.
+      truncated: [T, B] bool, the time limit ended it.
+      gamma: discount factor.
+      bootstrap_on_truncation: False treats a time limit as a termination.
+
+    Returns:
+      [T, B] returns, the targets of a critic.
+    """
+    # GAE(1) over the values 0 sums the rewards; the value enters with the last one.
+    ended = jnp.logical_or(terminated, truncated)
+    nothing_follows = terminated if bootstrap_on_truncation else ended
+    last = ended.at[-1].set(True)
+    reward = reward + gamma * jnp.where(last & ~nothing_follows, next_value, 0.0)
+    zero = jnp.zeros_like(reward)
+    return generalized_advantages(reward, zero, zero, terminated, truncated, gamma, 1.0)
+
+
 def standardize(x: jax.Array) -> jax.Array:
     """Return x with mean 0 and standard deviation 1 over all its entries."""
     return (x - x.mean()) / (x.std() + 1e-8)

@@ -1,7 +1,96 @@
-"""What the options did in a rollout: usage and durations."""
+"""Options as agents and records see them: transitions, terminations, usage and durations."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from flax import struct
+
+
+class OptionMemory(struct.PyTreeNode):
+    """What a call-and-return policy remembers."""
+
+    previous: jax.Array  # [...] int, o_{t-1}; any option where `initial`
+    initial: jax.Array  # [...] bool: an episode starts, no option is under way
+
+
+def at_option(values: jax.Array, option: jax.Array) -> jax.Array:
+    """Return the entries [...] of values [..., K] at the options [...].
+
+    A masked sum: it fuses with its neighbours, unlike a gather and its gradient, and an infinity
+    elsewhere does no harm.
+    """
+    mask = jax.nn.one_hot(option, values.shape[-1], dtype=bool)
+    return jnp.where(mask, values, 0.0).sum(-1)
+
+
+def option_transition(
+    log_master: jax.Array, termination: jax.Array, previous: jax.Array
+) -> jax.Array:
+    r"""Return log P(o_t | s_t, o_{t-1}), [..., K], of the call-and-return policy (HiT-MDP Eq. 22).
+
+    .. math::
+      P(o | s, o_{t-1}) = (1 - \beta_{o_{t-1}}(s)) \, 1[o = o_{t-1}] + \beta_{o_{t-1}}(s) \pi(o | s)
+
+    Args:
+      log_master: [..., K] log pi(o | s).
+      termination: [...] logit of beta, the termination of the PREVIOUS option in s.
+      previous: [...] int, o_{t-1}.
+    """
+    log_continue, log_stop = jax.nn.log_sigmoid(-termination), jax.nn.log_sigmoid(termination)
+    same = jax.nn.one_hot(previous, log_master.shape[-1], dtype=bool)
+    stay = jnp.where(same, log_continue[..., None], -jnp.inf)
+    return jnp.logaddexp(stay, log_stop[..., None] + log_master)
+
+
+def entropy(log_probs: jax.Array) -> jax.Array:
+    """Return the entropy [...] in nats of log-probabilities [..., K]."""
+    return -(jnp.exp(log_probs) * log_probs).sum(-1)
+
+
+def value_of_next_option(
+    q_next: jax.Array, log_prob_next: jax.Array, option: jax.Array, ended: jax.Array
+) -> jax.Array:
+    """Return Q[s_{t+1}, o_{t+1}] [T, B] as a rollout's intra-option advantage needs it.
+
+    The next option is the one drawn, except where the episode or the rollout ends: there it is
+    averaged over P(o | s_{t+1}, o_t).
+
+    Args:
+      q_next: [T, B, K] Q[s', o] in the states reached.
+      log_prob_next: [T, B, K] log P(o | s', o_t).
+      option: [T, B] int, o_t.
+      ended: [T, B] bool, the episode ended at t.
+    """
+    drawn = at_option(q_next, jnp.roll(option, -1, axis=0))
+    expected = (jnp.exp(log_prob_next) * q_next).sum(-1)
+    return jnp.where(ended.at[-1].set(True), expected, drawn)
+
+
+def termination_objective(
+    termination: jax.Array,
+    q: jax.Array,
+    value: jax.Array,
+    memory: OptionMemory,
+    regularizer: jax.Array | float,
+) -> jax.Array:
+    r"""Return what the termination gradient theorem minimises, [N] (Bacon et al. 2017, Thm 2).
+
+    .. math::
+      \beta_{o_{t-1}}(s_t) \, (Q[s_t, o_{t-1}] - V[s_t] + \xi)
+
+    The brackets hold the advantage of going on, held constant; no option is under way at an
+    episode's start.
+
+    Args:
+      termination: [N, K] logits of beta_o(s_t).
+      q: [N, K] Q[s_t, o].
+      value: [N] V[s_t], the value of choosing anew.
+      memory: [N] o_{t-1}.
+      regularizer: xi, a small advantage granted to every option, so that options last.
+    """
+    advantage = at_option(q, memory.previous) - value + regularizer
+    stop = jax.nn.sigmoid(at_option(termination, memory.previous))
+    return stop * jax.lax.stop_gradient(jnp.where(memory.initial, 0.0, advantage))
 
 
 def option_statistics(

@@ -1,7 +1,16 @@
-"""Flax modules: the option encoder, the decoders and the body they share."""
+"""Flax modules: the option encoder, the decoders, the option heads and the body they share."""
 
 from hitmdp_jax.networks.decoders import ActionDecoder, Critic
 from hitmdp_jax.networks.mlp import MLP
 from hitmdp_jax.networks.option_encoder import MASTER_POLICIES, OptionEncoder
+from hitmdp_jax.networks.option_heads import OptionHeads, OptionNetwork
 
-__all__ = ["MASTER_POLICIES", "MLP", "ActionDecoder", "Critic", "OptionEncoder"]
+__all__ = [
+    "MASTER_POLICIES",
+    "MLP",
+    "ActionDecoder",
+    "Critic",
+    "OptionEncoder",
+    "OptionHeads",
+    "OptionNetwork",
+]

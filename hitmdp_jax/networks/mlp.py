@@ -33,16 +33,18 @@ class MLP(nn.Module):
     Attributes:
       sizes: width of each layer.
       activation: "relu" or "tanh".
+      gain: of the orthogonal initial weights.
     """
 
     sizes: tuple[int, ...] = (64, 64)
     activation: str = "relu"
+    gain: float = HIDDEN_GAIN
 
     @nn.compact
     def __call__(self, *inputs: jax.Array) -> jax.Array:
         """Map inputs [..., I_i] to features [..., sizes[-1]]."""
         act = ACTIVATIONS[self.activation]
-        init = orthogonal(HIDDEN_GAIN)
+        init = orthogonal(self.gain)
         hidden = nn.Dense(self.sizes[0], kernel_init=init, name="input_0")(inputs[0])
         for i, extra in enumerate(inputs[1:], start=1):
             part = nn.Dense(self.sizes[0], use_bias=False, kernel_init=init, name=f"input_{i}")

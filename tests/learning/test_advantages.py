@@ -3,7 +3,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from hitmdp_jax.learning.advantages import generalized_advantages, standardize
+from hitmdp_jax.learning.advantages import (
+    discounted_returns,
+    generalized_advantages,
+    standardize,
+)
 
 
 def advantages_by_loop(reward, value, next_value, terminated, truncated, gamma, lam, bootstrap):
@@ -70,6 +74,33 @@ def test_lambda_one_gives_discounted_returns_less_values():
     # 1 + 2/2 + 4/4 = 3, 2 + 4/2 = 4, 4
     result = generalized_advantages(reward, zero, zero, ended, zero > 0, 0.5, 1.0)
     np.testing.assert_allclose(result[:, 0], [3.0, 4.0, 4.0])
+
+
+def returns_by_loop(reward, next_value, terminated, truncated, gamma, bootstrap):
+    T, B = reward.shape
+    result = np.zeros((T, B))
+    for b in range(B):
+        for t in reversed(range(T)):
+            if terminated[t, b] or (truncated[t, b] and not bootstrap):
+                after = 0.0
+            elif truncated[t, b] or t == T - 1:
+                after = next_value[t, b]
+            else:
+                after = result[t + 1, b]
+            result[t, b] = reward[t, b] + gamma * after
+    return result
+
+
+@pytest.mark.parametrize("bootstrap", [True, False])
+def test_returns_equal_a_plain_loop(bootstrap):
+    rng = np.random.default_rng(0)
+    reward, next_value = rng.normal(size=(2, 12, 5))
+    terminated = rng.random((12, 5)) < 0.2
+    truncated = (rng.random((12, 5)) < 0.2) & ~terminated
+    arguments = (reward, next_value, terminated, truncated, 0.9, bootstrap)
+    np.testing.assert_allclose(
+        discounted_returns(*arguments), returns_by_loop(*arguments), rtol=1e-4, atol=1e-5
+    )
 
 
 def test_shapes_that_would_broadcast_are_rejected():

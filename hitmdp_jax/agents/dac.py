@@ -1,0 +1,80 @@
+"""DAC: the Double Actor-Critic (Zhang & Whiteson, NeurIPS 2019), with PPO for both its actors."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from hitmdp_jax.agents.base import LearnerState, Metrics, static, traced
+from hitmdp_jax.agents.option_agent import ClippedOptionAgent
+from hitmdp_jax.learning.options import at_option, entropy
+from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.learning.surrogate import clipped_surrogate
+
+
+class DAC(ClippedOptionAgent):
+    """Learns options as the policies of two augmented MDPs, from the same samples.
+
+    The high MDP has states (s_t, o_{t-1}) and actions o_t; its policy is the call-and-return
+    P(o_t | s_t, o_{t-1}), made of the master and the terminations. The low MDP has states
+    (s_t, o_t) and actions a_t; its policy is pi_{o_t}(a_t | s_t). One critic serves both, for the
+    high value is V[s, o_{t-1}] = sum_o P(o | s, o_{t-1}) Q[s, o]. PPO optimises the high policy,
+    all epochs of it, and then the low one.
+
+    Against MOPG: options last because their terminations say so, not because an option is its own
+    nearest neighbour; K separate networks take the place of embeddings; the two surrogates are
+    optimised in turn, not in one loss.
+
+    The optimiser is shared, so parameters that a pass leaves alone still drift by their momentum,
+    some ten steps' worth.
+    """
+
+    entropy_weight: float = traced(0.01)  # of P(o | s, o_{t-1}), in the high loss
+    num_epochs: int = static(5)  # of each MDP
+
+    def update(
+        self, state: LearnerState, batch: Batch, key: jax.Array
+    ) -> tuple[LearnerState, Metrics]:
+        """Estimate both MDPs' advantages, then run PPO on the high MDP and on the low one."""
+        data, values, metrics = self.evaluate(state.params, batch)
+        data["advantage_high"], data["return_high"] = self.advantage_and_return(
+            batch, values.value, values.value_next
+        )
+        data["advantage_low"], data["return_low"] = self.advantage_and_return(
+            batch, values.q, values.q_next
+        )
+        key_high, key_low = jax.random.split(key)
+        state, high = self.optimize(self.high_loss, state, data, key_high)
+        state, low = self.optimize(self.low_loss, state, data, key_low)
+        return state, metrics | high | low
+
+    def high_loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
+        """Return a minibatch's loss in the high MDP: surrogate, entropy, squared error of V."""
+        heads = self.heads(params, data["obs"])
+        log_option = self.option_log_probs(heads, data["memory"])
+        surrogate, diagnostics = clipped_surrogate(
+            at_option(log_option, data["option"]),
+            at_option(data["log_option"], data["option"]),
+            data["advantage_high"],
+            self.clip_eps,
+        )
+        # The rollout's P(o | s, o_{t-1}): fitting V must not move the policy.
+        value = (jnp.exp(data["log_option"]) * heads.value).sum(-1)
+        value_loss = 0.5 * jnp.square(value - data["return_high"]).mean()
+        bonus = self.entropy_weight * entropy(log_option).mean()
+        metrics = {f"option_{name}": x for name, x in diagnostics.items()}
+        return value_loss - surrogate - bonus, metrics | {"value_loss": value_loss}
+
+    def low_loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
+        """Return a minibatch's loss in the low MDP: surrogate, squared error of Q."""
+        heads = self.heads(params, data["obs"])
+        surrogate, diagnostics = clipped_surrogate(
+            heads.policy(data["option"]).log_prob(data["action"]),
+            data["log_prob_action"],
+            data["advantage_low"],
+            self.clip_eps,
+        )
+        q = at_option(heads.value, data["option"])
+        q_loss = 0.5 * jnp.square(q - data["return_low"]).mean()
+        metrics = {f"action_{name}": x for name, x in diagnostics.items()}
+        return q_loss - surrogate, metrics | {"q_loss": q_loss}

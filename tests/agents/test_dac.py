@@ -1,0 +1,103 @@
+"""DAC's two augmented MDPs against their definitions."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hitmdp_jax.agents import DAC
+from tests.agents.option_batches import (
+    A,
+    B,
+    K,
+    T,
+    flatten,
+    log_density,
+    option_probabilities,
+    random_batch,
+    random_params,
+)
+
+
+@pytest.fixture
+def agent():
+    return DAC()
+
+
+@pytest.fixture
+def params(agent, key):
+    return random_params(agent, key)
+
+
+@pytest.fixture
+def data(agent, params, key):
+    """A rollout as the losses read it, with made-up advantages and exact values."""
+    data, values, _ = agent.evaluate(params, random_batch(key))
+    advantage = jax.random.normal(key, (2, T, B))
+    return flatten(
+        data
+        | {"advantage_high": advantage[0], "return_high": values.value}
+        | {"advantage_low": advantage[1], "return_low": values.q}
+    )
+
+
+def pi_hat(agent, params, sample):
+    """P(o | s_t, o_{t-1}) [K]: the high MDP's policy in one state."""
+    heads, memory = agent.heads(params, sample["obs"]), sample["memory"]
+    return option_probabilities(heads, memory.previous, memory.initial)
+
+
+def log_pi_bar(agent, params, sample):
+    """log pi(a_t | s_t, o_t): the low MDP's policy."""
+    heads = agent.heads(params, sample["obs"])
+    return log_density(params, heads, sample["option"], sample["action"])
+
+
+def test_both_augmented_policies_equal_their_definitions(agent, params, data):
+    high = jax.vmap(lambda sample: pi_hat(agent, params, sample))(data)
+    low = jax.vmap(lambda sample: log_pi_bar(agent, params, sample))(data)
+    np.testing.assert_allclose(high.sum(-1), 1.0, rtol=1e-5)
+    np.testing.assert_allclose(jnp.exp(data["log_option"]), high, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(data["log_prob_action"], low, rtol=1e-4, atol=1e-4)
+
+
+def test_gradients_at_the_old_policies_are_policy_gradients(agent, params, data):
+    """Mean of A grad log pi in each MDP, and the entropy bonus of the high one; no more."""
+
+    def plain_high(params, sample):
+        pi = pi_hat(agent, params, sample)
+        bonus = -agent.entropy_weight * (pi * jnp.log(pi)).sum()
+        return sample["advantage_high"] * jnp.log(pi[sample["option"]]) + bonus
+
+    def plain_low(params, sample):
+        return sample["advantage_low"] * log_pi_bar(agent, params, sample)
+
+    for loss, plain in ((agent.high_loss, plain_high), (agent.low_loss, plain_low)):
+        result = jax.jit(jax.grad(lambda p, f=loss: f(p, data)[0]))(params)
+        expected = jax.jit(
+            jax.grad(lambda p, f=plain: -jax.vmap(lambda sample: f(p, sample))(data).mean())
+        )(params)
+        jax.tree.map(
+            lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-4), result, expected
+        )
+
+
+def test_each_pass_leaves_the_other_mdps_policy_alone(agent, params, data):
+    high = jax.grad(lambda p: agent.high_loss(p, data)[0])(params)
+    low = jax.grad(lambda p: agent.low_loss(p, data)[0])(params)
+    for gradient, idle in ((high, ("policies", "rho")), (low, ("terminations", "master"))):
+        for name in idle:
+            assert all((x == 0).all() for x in jax.tree.leaves(gradient[name])), name
+
+
+def test_value_losses_are_by_hand(agent, params, data):
+    data |= {"return_high": data["return_high"] + 2.0, "return_low": data["return_low"] - 4.0}
+    np.testing.assert_allclose(agent.high_loss(params, data)[1]["value_loss"], 2.0, rtol=1e-4)
+    np.testing.assert_allclose(agent.low_loss(params, data)[1]["q_loss"], 8.0, rtol=1e-4)
+
+
+def test_first_policies_are_as_specified(agent, key):
+    heads = agent.heads(agent.init(key, 4, A).params, jax.random.normal(key, (50, 4)))
+    np.testing.assert_allclose(jax.nn.sigmoid(heads.termination), 0.5, atol=0.01)
+    np.testing.assert_allclose(jnp.exp(heads.log_master), 1 / K, atol=0.01)
+    np.testing.assert_allclose(heads.std, np.log(2.0), rtol=1e-6)

@@ -1,0 +1,89 @@
+"""How the option baselines draw options, and the values they evaluate a rollout with."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hitmdp_jax.agents import DAC
+from hitmdp_jax.learning.options import OptionMemory
+from tests.agents.option_batches import (
+    A,
+    B,
+    K,
+    O,
+    T,
+    option_probabilities,
+    random_batch,
+    random_params,
+)
+
+N = 4000
+
+
+def with_termination(params, logit):
+    """Make beta the same everywhere."""
+    output = jax.tree.map(jnp.zeros_like, params["terminations"]["output"])
+    output["bias"] = jnp.full_like(output["bias"], logit)
+    return params | {"terminations": params["terminations"] | {"output": output}}
+
+
+@pytest.fixture
+def params(key):
+    return random_params(DAC(), key)
+
+
+def draw(params, initial, key):
+    memory = OptionMemory(jnp.arange(N) % K, jnp.full(N, initial))
+    obs = jnp.broadcast_to(jax.random.normal(key, (O,)), (N, O))
+    _, new_memory, option = DAC().act(params, obs, memory, key)
+    np.testing.assert_array_equal(new_memory.previous, option)
+    assert not new_memory.initial.any()
+    master = jnp.exp(DAC().heads(params, obs[0]).log_master)
+    return np.asarray(option), np.asarray(memory.previous), np.asarray(master)
+
+
+def test_an_option_that_never_terminates_goes_on(params, key):
+    option, previous, _ = draw(with_termination(params, -50.0), False, key)
+    np.testing.assert_array_equal(option, previous)
+
+
+def test_an_option_that_always_terminates_leaves_the_choice_to_the_master(params, key):
+    option, _, master = draw(with_termination(params, 50.0), False, key)
+    np.testing.assert_allclose(np.bincount(option, minlength=K) / N, master, atol=0.03)
+
+
+def test_the_master_chooses_an_episodes_first_option(params, key):
+    option, _, master = draw(with_termination(params, -50.0), True, key)
+    np.testing.assert_allclose(np.bincount(option, minlength=K) / N, master, atol=0.03)
+
+
+def test_values_of_both_augmented_mdps_equal_their_definitions(params, key):
+    agent, batch = DAC(), random_batch(key)
+    data, values, _ = agent.evaluate(params, batch)
+    for t in range(T):
+        for b in range(B):
+            heads = agent.heads(params, batch.obs[t, b])
+            reached = agent.heads(params, batch.next_obs[t, b])
+            option, previous = int(batch.record[t, b]), int(batch.memory.previous[t, b])
+            here = option_probabilities(heads, previous, batch.memory.initial[t, b])
+            there = option_probabilities(reached, option, False)
+            ended = batch.terminated[t, b] or batch.truncated[t, b] or t == T - 1
+            expected = {
+                "value": here @ heads.value,
+                "value_next": there @ reached.value,
+                "q": heads.value[option],
+                "q_next": there @ reached.value
+                if ended
+                else reached.value[int(batch.record[t + 1, b])],
+            }
+            for name, value in expected.items():
+                np.testing.assert_allclose(getattr(values, name)[t, b], value, rtol=1e-4, atol=1e-5)
+            np.testing.assert_allclose(jnp.exp(data["log_option"][t, b]), here, rtol=1e-4)
+
+
+def test_hidden_sizes_and_activation_shape_every_body(key):
+    agent = DAC(hidden_sizes=(8,), activation="relu", num_options=3)
+    params = agent.init(key, O, A).params
+    assert params["policies"]["body"]["input_0"]["kernel"].shape == (3, O, 8)
+    assert params["critic"]["output"]["kernel"].shape == (8, 3)
