@@ -1,10 +1,12 @@
 """The algorithms, one file each, behind one protocol."""
 
+from hitmdp_jax.agents.ahp import AHP
 from hitmdp_jax.agents.base import Agent, LearnerState
 from hitmdp_jax.agents.dac import DAC
 from hitmdp_jax.agents.mopg import MOPG
 from hitmdp_jax.agents.ppo import PPO
+from hitmdp_jax.agents.ppoc import PPOC
 
-AGENTS = {"mopg": MOPG, "ppo": PPO, "dac": DAC}
+AGENTS = {"mopg": MOPG, "ppo": PPO, "dac": DAC, "ahp": AHP, "ppoc": PPOC}
 
-__all__ = ["AGENTS", "DAC", "MOPG", "PPO", "Agent", "LearnerState"]
+__all__ = ["AGENTS", "AHP", "DAC", "MOPG", "PPO", "PPOC", "Agent", "LearnerState"]

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hitmdp_jax.agents import DAC
+from hitmdp_jax.agents import AHP, DAC, PPOC
 from hitmdp_jax.learning.options import OptionMemory
 from tests.agents.option_batches import (
     A,
@@ -33,28 +33,34 @@ def params(key):
     return random_params(DAC(), key)
 
 
-def draw(params, initial, key):
+@pytest.fixture(params=[DAC, AHP, PPOC])
+def agent(request):
+    return request.param()
+
+
+def draw(agent, initial, logit, key):
+    """Draw N options in one state, with beta the same everywhere."""
+    params = with_termination(random_params(agent, key), logit)
     memory = OptionMemory(jnp.arange(N) % K, jnp.full(N, initial))
     obs = jnp.broadcast_to(jax.random.normal(key, (O,)), (N, O))
-    _, new_memory, option = DAC().act(params, obs, memory, key)
-    np.testing.assert_array_equal(new_memory.previous, option)
+    _, new_memory, _ = jax.jit(agent.act)(params, obs, memory, key)
     assert not new_memory.initial.any()
-    master = jnp.exp(DAC().heads(params, obs[0]).log_master)
-    return np.asarray(option), np.asarray(memory.previous), np.asarray(master)
+    master = jnp.exp(agent.heads(params, obs[0]).log_master)
+    return np.asarray(new_memory.previous), np.asarray(memory.previous), np.asarray(master)
 
 
-def test_an_option_that_never_terminates_goes_on(params, key):
-    option, previous, _ = draw(with_termination(params, -50.0), False, key)
+def test_an_option_that_never_terminates_goes_on(agent, key):
+    option, previous, _ = draw(agent, False, -50.0, key)
     np.testing.assert_array_equal(option, previous)
 
 
-def test_an_option_that_always_terminates_leaves_the_choice_to_the_master(params, key):
-    option, _, master = draw(with_termination(params, 50.0), False, key)
+def test_an_option_that_always_terminates_leaves_the_choice_to_the_master(agent, key):
+    option, _, master = draw(agent, False, 50.0, key)
     np.testing.assert_allclose(np.bincount(option, minlength=K) / N, master, atol=0.03)
 
 
-def test_the_master_chooses_an_episodes_first_option(params, key):
-    option, _, master = draw(with_termination(params, -50.0), True, key)
+def test_the_master_chooses_an_episodes_first_option(agent, key):
+    option, _, master = draw(agent, True, -50.0, key)
     np.testing.assert_allclose(np.bincount(option, minlength=K) / N, master, atol=0.03)
 
 

@@ -1,0 +1,82 @@
+"""PPOC: Proximal Policy Option-Critic (Klissarov, Bacon, Harb & Precup 2017)."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from hitmdp_jax.agents.base import LearnerState, Metrics, traced
+from hitmdp_jax.agents.option_agent import ClippedOptionAgent
+from hitmdp_jax.learning.options import (
+    at_option,
+    entropy,
+    termination_objective,
+)
+from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.learning.surrogate import clipped_surrogate
+
+
+class PPOC(ClippedOptionAgent):
+    """Learns options by the option-critic's gradients, with PPO for the action policies.
+
+    One loss of four parts: the clipped surrogate of pi_o(a | s); the termination gradient, which
+    lowers beta_{o_{t-1}}(s_t) where going on is worth more than choosing anew, by
+    Q[s, o_{t-1}] - sum_o pi(o | s) Q[s, o] of the critic; the critic's squared error; and the
+    policy gradient of the master pi(o | s).
+
+    The master is answerable only where it was consulted. Of that a rollout knows the probability,
+    beta pi(o_t | s_t) / P(o_t | s_t, o_{t-1}), which is the very factor that the gradient of
+    log P(o_t | s_t, o_{t-1}) in the master's parameters contains; so the master climbs the clipped
+    surrogate of P with the terminations held constant. Its advantage is that of o_t over
+    V[s, o_{t-1}], GAE over option values; the actions' advantage is zero in the mean whichever
+    option is chosen and can teach the master nothing.
+
+    Against DAC: the terminations follow the critic, not sampled advantages. Against MOPG: there
+    are terminations at all.
+    """
+
+    entropy_weight: float = traced(0.01)  # of pi(o | s)
+    termination_regularizer: float = traced(0.01)  # advantage granted to going on
+
+    def update(
+        self, state: LearnerState, batch: Batch, key: jax.Array
+    ) -> tuple[LearnerState, Metrics]:
+        """Estimate both advantages, then run `num_epochs` of minibatches on the joint loss."""
+        data, values, metrics = self.evaluate(state.params, batch)
+        data["advantage_option"], _ = self.advantage_and_return(
+            batch, values.value, values.value_next
+        )
+        data["advantage_action"], data["return"] = self.advantage_and_return(
+            batch, values.q, values.q_next
+        )
+        state, diagnostics = self.optimize(self.loss, state, data, key)
+        return state, metrics | diagnostics
+
+    def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
+        """Return a minibatch's loss: both surrogates, termination, entropy, squared error."""
+        heads, memory, option = self.heads(params, data["obs"]), data["memory"], data["option"]
+        surrogate_action, action = clipped_surrogate(
+            heads.policy(option).log_prob(data["action"]),
+            data["log_prob_action"],
+            data["advantage_action"],
+            self.clip_eps,
+        )
+        held = heads.replace(termination=jax.lax.stop_gradient(heads.termination))
+        surrogate_option, master = clipped_surrogate(
+            at_option(self.option_log_probs(held, memory), option),
+            at_option(data["log_option"], option),
+            data["advantage_option"],
+            self.clip_eps,
+        )
+        value = (jnp.exp(heads.log_master) * heads.value).sum(-1)
+        termination = termination_objective(
+            heads.termination, heads.value, value, memory, self.termination_regularizer
+        ).mean()
+        bonus = self.entropy_weight * entropy(heads.log_master).mean()
+        value_loss = 0.5 * jnp.square(at_option(heads.value, option) - data["return"]).mean()
+        diagnostics = {f"option_{name}": x for name, x in master.items()}
+        diagnostics |= {f"action_{name}": x for name, x in action.items()}
+        return (
+            value_loss + termination - surrogate_action - surrogate_option - bonus,
+            diagnostics | {"value_loss": value_loss, "termination_loss": termination},
+        )

@@ -1,0 +1,70 @@
+"""PPOC's joint loss against the option-critic's gradients."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hitmdp_jax.agents import PPOC
+from tests.agents.option_batches import (
+    B,
+    T,
+    flatten,
+    log_density,
+    option_probabilities,
+    random_batch,
+    random_params,
+)
+
+
+@pytest.fixture
+def agent():
+    return PPOC()
+
+
+@pytest.fixture
+def params(agent, key):
+    return random_params(agent, key)
+
+
+@pytest.fixture
+def data(agent, params, key):
+    """A rollout as the loss reads it, with made-up advantages and exact values."""
+    data, values, _ = agent.evaluate(params, random_batch(key))
+    advantage = jax.random.normal(key, (2, T, B))
+    data |= {"advantage_option": advantage[0], "advantage_action": advantage[1]}
+    return flatten(data | {"return": values.q})
+
+
+def test_gradient_at_the_old_policy_is_the_option_critics(agent, params, data):
+    """The master weighed by the probability that it was consulted; beta by the critic."""
+    sg = jax.lax.stop_gradient
+
+    def plain(params, sample):
+        heads, memory = agent.heads(params, sample["obs"]), sample["memory"]
+        option, previous = sample["option"], memory.previous
+        master, beta = jnp.exp(heads.log_master), jax.nn.sigmoid(heads.termination[previous])
+        taken = option_probabilities(heads, previous, memory.initial)[option]
+        consulted = sg(jnp.where(memory.initial, 1.0, beta) * master[option] / taken)
+        going_on = sg(heads.value[previous] - master @ heads.value)
+        return (
+            sample["advantage_action"] * log_density(params, heads, option, sample["action"])
+            + sample["advantage_option"] * consulted * heads.log_master[option]
+            - 0.01 * (master * heads.log_master).sum()
+            - jnp.where(memory.initial, 0.0, beta * (going_on + 0.01))
+        )
+
+    result = jax.jit(jax.grad(lambda p: agent.loss(p, data)[0]))(params)
+    expected = jax.jit(jax.grad(lambda p: -jax.vmap(lambda sample: plain(p, sample))(data).mean()))(
+        params
+    )
+    jax.tree.map(
+        lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-4), result, expected
+    )
+
+
+def test_value_loss_is_by_hand(agent, params, data):
+    data["return"] += 2.0
+    _, diagnostics = agent.loss(params, data)
+    np.testing.assert_allclose(diagnostics["value_loss"], 2.0, rtol=1e-4)
+    np.testing.assert_allclose(diagnostics["option_kl"], 0.0, atol=1e-6)
