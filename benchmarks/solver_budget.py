@@ -117,13 +117,14 @@ def make_mjx_step(
 
 def main() -> None:
     """Print a table of budgets, errors and times."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="How many solver iterations MJX needs.")
     parser.add_argument("env", choices=list_envs())
     parser.add_argument("--num-states", type=int, default=256)
     parser.add_argument("--ls-iterations", type=int, nargs="+", default=LS_ITERATIONS)
     args = parser.parse_args()
 
     env = make_env(args.env, physics="mjx")
+    assert isinstance(env, MujocoEnv), "only MuJoCo tasks have a solver"
     frame_skip = env.physics.frame_skip
     model = env.model
     model.opt.iterations, model.opt.ls_iterations = FULL
