@@ -58,8 +58,9 @@ def task(name: str, physics: str) -> MujocoEnv:
     return env
 
 
-def actions(low: np.ndarray, high: np.ndarray, num_envs: int) -> np.ndarray:
+def actions(env: MujocoEnv, num_envs: int) -> np.ndarray:
     """Draw random actions [T, B, A]."""
+    low, high = env.model.actuator_ctrlrange.T
     size = (SCAN_LENGTH, num_envs, len(low))
     return np.random.default_rng(0).uniform(low, high, size).astype(np.float32)
 
@@ -83,7 +84,7 @@ def raw_speed(name: str, num_envs: int, seconds: float) -> float:
     batch = Batch(env.model, num_envs)
     keys = jax.random.split(jax.random.key(0), num_envs)
     qpos, qvel = jax.vmap(env.sample_initial)(keys)
-    controls = actions(*env.model.actuator_ctrlrange.T, num_envs)
+    controls = actions(env, num_envs)
 
     def call() -> None:
         batch.qpos[:], batch.qvel[:], batch.qacc_warmstart[:] = qpos, qvel, 0.0
@@ -105,8 +106,7 @@ def envpool_speed(name: str, num_envs: int, seconds: float) -> float:
     )
     handle, _, _, step = env.xla()
     env.reset()
-    low, high = task(name, "native").model.actuator_ctrlrange.T
-    controls = jnp.asarray(actions(low, high, num_envs), jnp.float64)
+    controls = jnp.asarray(actions(task(name, "native"), num_envs), jnp.float64)
 
     @jax.jit
     def run(handle: Any):
@@ -132,7 +132,7 @@ def measure(name: str, engine: str, num_envs: int, seconds: float) -> float:
     if engine == "envpool":
         return envpool_speed(name, num_envs, seconds)
     ours = task(name, "native" if engine == "native" else "mjx")
-    controls = actions(*ours.model.actuator_ctrlrange.T, num_envs)
+    controls = actions(ours, num_envs)
     if engine == "brax":
         import brax.envs
 

@@ -55,7 +55,7 @@ def measure(algo: str, physics: str, seeds: int, seconds: float) -> dict[str, fl
     """Time whole iterations, then rollout and update apart, of one configuration."""
     config = settings(algo, physics, seeds)
     devices = devices_for(seeds)
-    env = make_task(config, len(devices))
+    env = make_task(config, config.env, len(devices))
     agent = config.make_agent()
     program = make_train(agent, env, num_steps=config.total_steps)
     init, step = sweep(*program, devices)

@@ -57,9 +57,9 @@ def score(
     if episodes < 1:
         raise out_of_domain("episodes", episodes, "a positive whole number")
     if engine == "gymnasium":
-        return score_in_gymnasium(policy, config.env, episodes, key, deterministic)
+        return score_in_gymnasium(policy, config.tasks[-1], episodes, key, deterministic)
     return score_in_jax(
-        policy, make_env(**config.env, physics=engine), episodes, key, deterministic
+        policy, make_env(**config.tasks[-1], physics=engine), episodes, key, deterministic
     )
 
 

@@ -38,8 +38,16 @@ def smooth(x: np.ndarray, window: int = WINDOW) -> np.ndarray:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def learning_curve(metrics: dict[str, np.ndarray], title: str) -> Figure:
-    """Plot the training return against environment steps: mean and standard deviation of seeds."""
+def learning_curve(
+    metrics: dict[str, np.ndarray], title: str, switch_at: int | None = None
+) -> Figure:
+    """Plot the training return against environment steps: mean and standard deviation of seeds.
+
+    Args:
+      metrics: as `read_metrics` gives them.
+      title: the figure's title.
+      switch_at: environment steps after which a transfer's second task began; it is marked.
+    """
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.subplots()
     steps, returns = metrics["env_steps"][0], smooth(metrics["episode_return"])
@@ -51,6 +59,8 @@ def learning_curve(metrics: dict[str, np.ndarray], title: str) -> Figure:
     )
     axes.set(xlabel="environment steps", ylabel="episode return", title=title)
     axes.grid(alpha=0.3)
+    if switch_at is not None:
+        axes.axvline(switch_at, color="black", ls="--", lw=1)
     return figure
 
 
@@ -77,12 +87,12 @@ def option_durations(metrics: dict[str, np.ndarray], title: str) -> Figure:
     return figure
 
 
-def draw_figures(run_dir: Path, title: str) -> list[Path]:
+def draw_figures(run_dir: Path, title: str, switch_at: int | None = None) -> list[Path]:
     """Draw every figure the run's metrics allow into its `figures/`; return their paths."""
     metrics = read_metrics(run_dir)
     figures = {}
     if "episode_return" in metrics and not np.isnan(metrics["episode_return"]).all():
-        figures["learning_curve"] = learning_curve(metrics, title)
+        figures["learning_curve"] = learning_curve(metrics, title, switch_at)
     if "option_steps_0" in metrics:
         figures["option_durations"] = option_durations(metrics, title)
     folder = run_dir / "figures"

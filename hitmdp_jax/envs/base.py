@@ -94,7 +94,7 @@ class MujocoEnv(Env):
         data = self.physics.initial(qpos, qvel)
         zero = jnp.zeros(())
         return State(
-            pipeline_state=data,
+            pipeline_state=data,  # pyright: ignore[reportArgumentType]
             obs=self.observation(data),
             reward=zero,
             done=zero,
@@ -116,14 +116,14 @@ class MujocoEnv(Env):
         reward, terms = self.reward(before, after, action)
         zero, one = jnp.zeros(()), jnp.ones(())
         metrics = {name: terms[name] for name in self.reward_terms}
-        good = state.replace(
+        good = state.replace(  # pyright: ignore[reportAttributeAccessIssue]
             pipeline_state=after,
             obs=self.observation(after),
             reward=reward,
             done=self.terminated(after).astype(jnp.float32),
             metrics=metrics | {"unstable": zero},
         )
-        lost = state.replace(
+        lost = state.replace(  # pyright: ignore[reportAttributeAccessIssue]
             reward=zero, done=one, metrics=dict.fromkeys(metrics, zero) | {"unstable": one}
         )
         stable = valid & ~after.unstable

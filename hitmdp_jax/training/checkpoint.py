@@ -50,20 +50,21 @@ class Checkpoints:
         Raises:
           UsageError: there is no checkpoint.
         """
-        iteration = self._latest()
+        iteration = self.latest()
         raw = self._read(iteration, STATE, jax.eval_shape(_with_raw_keys, like))
         return iteration, raw.replace(key=jax.random.wrap_key_data(raw.key))
 
     def restore_policy(self, like: TrainState) -> Any:
         """Return the newest checkpoint's `policy_of(state)`; Args and Raises as `restore`."""
-        return self._read(self._latest(), POLICY, jax.eval_shape(policy_of, like))
+        return self._read(self.latest(), POLICY, jax.eval_shape(policy_of, like))
 
     def close(self) -> None:
         """Wait until everything is written."""
         self._manager.wait_until_finished()
         self._manager.close()
 
-    def _latest(self) -> int:
+    def latest(self) -> int:
+        """Return the newest checkpoint's iteration; raise UsageError if there is none."""
         iteration = self._manager.latest_step()
         if iteration is None:
             raise UsageError(f"'{self._folder}' holds no checkpoint.")

@@ -14,6 +14,7 @@ from hitmdp_jax.envs.physics import ENGINES
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.program import check_sizes, num_iterations
 
+REPORT_STEPS = 2048
 POSITIVE = ("seeds", "total_steps", "num_envs", "rollout_length", "checkpoint_steps")
 
 
@@ -30,6 +31,7 @@ class RunConfig:
     num_envs: int
     rollout_length: int
     checkpoint_steps: int
+    second_env: dict[str, Any] | None = None  # the task a transfer switches to
 
     @classmethod
     def from_mapping(cls, settings: Mapping[str, Any]) -> "RunConfig":
@@ -49,7 +51,8 @@ class RunConfig:
         if values["physics"] not in ENGINES:
             raise unknown_name("physics", str(values["physics"]), ENGINES)
         config = cls(**values)
-        check_env(**config.env)
+        for task in config.tasks:
+            check_env(**task)
         check_sizes(config.make_agent(), config.total_steps, config.num_envs, config.rollout_length)
         return config
 
@@ -73,9 +76,25 @@ class RunConfig:
         return agent
 
     @property
+    def tasks(self) -> list[dict[str, Any]]:
+        """The tasks trained on, one after the other, `total_steps` each."""
+        return [self.env] if self.second_env is None else [self.env, self.second_env]
+
+    @property
+    def title(self) -> str:
+        """What is trained on what."""
+        return f"{self.algo['name']} on {', then '.join(task['name'] for task in self.tasks)}"
+
+    @property
+    def iterations_per_report(self) -> int:
+        """Iterations between two reports: one, or as many as make up 2048 environment steps."""
+        return max(1, REPORT_STEPS // self.steps_per_iteration)
+
+    @property
     def iterations(self) -> int:
-        """Iterations of the whole run."""
-        return num_iterations(self.total_steps, self.num_envs, self.rollout_length)
+        """Iterations spent on each task, a whole number of reports."""
+        needed = num_iterations(self.total_steps, self.num_envs, self.rollout_length)
+        return -(-needed // self.iterations_per_report) * self.iterations_per_report
 
     @property
     def steps_per_iteration(self) -> int:

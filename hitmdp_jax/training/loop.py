@@ -7,12 +7,14 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from brax.envs.base import Env
 
+from hitmdp_jax.agents import Agent
 from hitmdp_jax.agents.base import Metrics
 from hitmdp_jax.analysis.figures import draw_figures
 from hitmdp_jax.envs import make_env
@@ -23,7 +25,7 @@ from hitmdp_jax.training.checkpoint import Checkpoints
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.display import Display
 from hitmdp_jax.training.policy import restore
-from hitmdp_jax.training.program import make_train
+from hitmdp_jax.training.program import Init, Iterate, make_train, repeat, transfer
 from hitmdp_jax.training.records import Records
 from hitmdp_jax.training.sweep import Device, devices_for, place, sweep
 
@@ -32,8 +34,8 @@ def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
     """Train as `config` says and leave everything in `run_dir`.
 
     The device is always one iteration ahead of the host: while metrics are written and shown, the
-    next iteration runs already. Ctrl-C ends the run after the iteration in progress, saved like a
-    finished one.
+    next iteration runs already. A transfer trains on its second task where the first ended. Ctrl-C
+    ends the run after the iteration in progress, saved like a finished one.
 
     Args:
       config: validated settings.
@@ -42,35 +44,22 @@ def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
     """
     devices = devices_for(config.seeds)
     agent = config.make_agent()
-    env = make_task(config, len(devices))
-    init, step = sweep(
-        *make_train(
-            agent,
-            env,
-            num_steps=config.total_steps,
-            num_envs=config.num_envs,
-            rollout_length=config.rollout_length,
-        ),
-        devices,
-    )
-    if resume:
-        first, state = restore(run_dir, config, agent)
-        state = place(state, devices)
-    else:
-        first, state = 0, init(place(seed_keys(config), devices))
-        run_dir.mkdir(parents=True, exist_ok=True)
+    first, state = restore(run_dir, config, agent) if resume else (0, None)
+    run_dir.mkdir(parents=True, exist_ok=True)
     config.save(run_dir / "config.yaml")
 
-    per_iteration = config.steps_per_iteration
-    last = config.iterations
-    checkpoint_every = max(1, config.checkpoint_steps // per_iteration)
+    per_report = config.iterations_per_report
+    steps_per_report = per_report * config.steps_per_iteration
+    checkpoint_every = max(1, config.checkpoint_steps // steps_per_report) * per_report
+    total_steps = config.iterations * len(config.tasks) * config.steps_per_iteration
+    iteration = first
     with ExitStack() as stack:
         checkpoints = Checkpoints(run_dir)
         stack.callback(checkpoints.close)
         records = Records(run_dir, config.seed, resume_after=first)
         stack.callback(records.close)
         display = stack.enter_context(
-            Display(title(config, env, devices), last * per_iteration, first * per_iteration)
+            Display(title(config, devices), total_steps, first * config.steps_per_iteration)
         )
         interrupted = stack.enter_context(interruptible())
         clock = time.perf_counter()
@@ -79,36 +68,65 @@ def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
             nonlocal clock
             values = {name: np.asarray(x) for name, x in metrics.items()}  # waits for the device
             elapsed, clock = time.perf_counter() - clock, time.perf_counter()
-            values["steps_per_second"] = np.full(config.seeds, per_iteration / elapsed)
-            records.write(iteration, iteration * per_iteration, values)
-            display.update(iteration * per_iteration, values)
+            values["steps_per_second"] = np.full(config.seeds, steps_per_report / elapsed)
+            env_steps = iteration * config.steps_per_iteration
+            records.write(iteration, env_steps, values)
+            display.update(env_steps, values)
 
-        pending = None
-        iteration = first
-        while iteration < last and not interrupted():
-            state, metrics = step(state)
-            iteration += 1
+        for number, task in enumerate(config.tasks):
+            last = (number + 1) * config.iterations
+            if iteration >= last and number + 1 < len(config.tasks):
+                continue  # a resumed transfer that has left this task behind
+            init, step = programs(config, agent, task, devices)
+            if state is None:
+                state = init(place(seed_keys(config), devices))
+            elif iteration == number * config.iterations:
+                state = transfer(state, init(state.key))
+            else:
+                state = place(state, devices)
+
+            pending = None
+            while iteration < last and not interrupted():
+                state, metrics = step(state)
+                iteration += per_report
+                if pending:
+                    report(*pending)
+                pending = iteration, metrics
+                if iteration % checkpoint_every == 0:
+                    checkpoints.save(iteration, state)
             if pending:
                 report(*pending)
-            pending = iteration, metrics
-            if iteration % checkpoint_every == 0:
-                checkpoints.save(iteration, state)
-        if pending:
-            report(*pending)
+        assert state is not None
         checkpoints.save(iteration, state)
         early = interrupted()
-    draw_figures(run_dir, f"{config.algo['name']} on {config.env['name']}")
-    where = f"Stopped at {iteration * per_iteration:,} env steps, saved" if early else "Saved"
+    switch = config.iterations * config.steps_per_iteration if config.second_env else None
+    draw_figures(run_dir, config.title, switch)
+    reached = iteration * config.steps_per_iteration
+    where = f"Stopped at {reached:,} env steps, saved" if early else "Saved"
     display.message(f"{where} in {run_dir}.")
 
 
-def make_task(config: RunConfig, num_devices: int) -> Env:
-    """Make the run's environment; native physics shares the cores out among the devices."""
+def programs(
+    config: RunConfig, agent: Agent, task: dict[str, Any], devices: list[Device]
+) -> tuple[Init, Iterate]:
+    """Compile-ready init and step of every seed on one task; a step is one report's iterations."""
+    init, step = make_train(
+        agent,
+        make_task(config, task, len(devices)),
+        num_steps=config.total_steps,
+        num_envs=config.num_envs,
+        rollout_length=config.rollout_length,
+    )
+    return sweep(init, repeat(step, config.iterations_per_report), devices)
+
+
+def make_task(config: RunConfig, task: dict[str, Any], num_devices: int) -> Env:
+    """Make an environment of the run; native physics shares the cores out among the devices."""
     physics = config.physics
     if physics == "native":
         threads = max(1, (os.cpu_count() or 1) // num_devices)
         physics = functools.partial(NativePhysics, num_threads=threads)
-    return make_env(**config.env, physics=physics)
+    return make_env(**task, physics=physics)
 
 
 def seed_keys(config: RunConfig) -> jax.Array:
@@ -116,15 +134,16 @@ def seed_keys(config: RunConfig) -> jax.Array:
     return jax.vmap(jax.random.key)(config.seed + jnp.arange(config.seeds))
 
 
-def title(config: RunConfig, env: Env, devices: list[Device]) -> str:
+def title(config: RunConfig, devices: list[Device]) -> str:
     """Return the line that says what runs, and where something would be faster."""
-    kind = devices[0].device_kind if devices[0].platform != "cpu" else "CPU"
+    env = make_env(**config.env, physics=config.physics)
+    on_cpu = devices[0].platform == "cpu"
     parts = [
-        f"{config.algo['name']} on {config.env['name']}",
-        f"physics {env.backend} on {len(devices)} × {kind}",
+        config.title,
+        f"physics {env.backend} on {len(devices)} × {'CPU' if on_cpu else devices[0].device_kind}",
         f"{config.num_envs} envs × {config.seeds} seeds",
     ]
-    if isinstance(env, MujocoEnv) and env.backend == "mjx" and devices[0].platform == "cpu":
+    if isinstance(env, MujocoEnv) and env.backend == "mjx" and on_cpu:
         speed = native_speed(env.model, env.physics.frame_skip)
         parts.append(f"physics=native would step {speed:,.0f} envs a second here")
     return ", ".join(parts)

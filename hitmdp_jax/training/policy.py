@@ -63,7 +63,7 @@ def load(run_dir: str | Path, seed: int = 0) -> Policy:
     agent = config.make_agent()
     checkpoints = Checkpoints(run_dir)
     try:
-        everyone = checkpoints.restore_policy(abstract_state(config, agent))
+        everyone = checkpoints.restore_policy(abstract_state(config, agent, config.env))
     finally:
         checkpoints.close()
     return Policy(agent, *jax.tree.map(lambda x: x[seed - config.seed], everyone))
@@ -73,14 +73,15 @@ def restore(run_dir: Path, config: RunConfig, agent: Agent) -> tuple[int, TrainS
     """Return the iteration and the state [S, ...] of a run's newest checkpoint."""
     checkpoints = Checkpoints(run_dir)
     try:
-        return checkpoints.restore(abstract_state(config, agent))
+        number = min((checkpoints.latest() - 1) // config.iterations, len(config.tasks) - 1)
+        return checkpoints.restore(abstract_state(config, agent, config.tasks[number]))
     finally:
         checkpoints.close()
 
 
-def abstract_state(config: RunConfig, agent: Agent) -> TrainState:
-    """Return the shapes and types of a run's state [S, ...]."""
-    env = make_env(**config.env, physics=config.physics)
+def abstract_state(config: RunConfig, agent: Agent, task: dict[str, Any]) -> TrainState:
+    """Return the shapes and types of a run's state [S, ...] while it trains on a task."""
+    env = make_env(**task, physics=config.physics)
     init, _ = make_train(
         agent,
         env,

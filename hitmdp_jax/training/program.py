@@ -158,6 +158,42 @@ def train(
     return jax.lax.scan(lambda state, _: step(state), init(key), length=iterations)
 
 
+def repeat(step: Iterate, count: int) -> Iterate:
+    """Return `count` iterations as one, with their metrics summed up.
+
+    Algorithms that update every few steps would spend their time reporting. Counts (`episodes`,
+    `option_...`) add up, episode means are weighted by episodes, the rest is averaged.
+    """
+    if count == 1:
+        return step
+
+    def steps(state: TrainState) -> tuple[TrainState, Metrics]:
+        state, metrics = jax.lax.scan(lambda s, _: step(s), state, length=count)
+        weight = metrics["episodes"]
+
+        def summed(name: str, x: jax.Array) -> jax.Array:
+            if name in ("episodes", "option_steps", "option_activations"):
+                return x.sum(axis=0)
+            if name in ("episode_return", "episode_length"):
+                return jnp.where(weight > 0, x * weight, 0.0).sum() / weight.sum()
+            return x.mean(axis=0)
+
+        return state, {name: summed(name, x) for name, x in metrics.items()}
+
+    return steps
+
+
+def transfer(old: TrainState, new: TrainState) -> TrainState:
+    """Carry what was learned over to another task's fresh state.
+
+    Networks, optimiser and observation normaliser go on; environments, memory and the episodes in
+    progress start anew (DAC, Zhang & Whiteson 2019, sec. 5.2, without its carried-over episodes).
+    """
+    return new.replace(
+        learner=old.learner, normalizer=old.normalizer, key=old.key, iteration=old.iteration
+    )
+
+
 def episode_metrics(outcome: Step) -> Metrics:
     """Return the means over whole episodes that ended in a rollout; NaN where none did.
 

@@ -41,7 +41,9 @@ class Records:
             self._csv.writerow(self._columns)
         num_seeds = len(next(iter(columns.values())))
         for i in range(num_seeds):
-            values = ("" if np.isnan(x[i]) else f"{x[i]:.6g}" for x in columns.values())
+            known = {name: x[i] for name, x in columns.items() if not np.isnan(x[i])}
+            # A transfer's second task may report other terms than the columns' first one.
+            values = (f"{known[n]:.6g}" if n in known else "" for n in self._columns[len(INDEX) :])
             self._csv.writerow((iteration, env_steps, self._first_seed + i, *values))
         self._file.flush()
         for name, x in columns.items():

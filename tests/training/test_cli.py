@@ -18,7 +18,7 @@ from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.policy import restore
 
 TRAIN = Path(__file__).parents[2] / "train.py"
-QUICK = ("env=invertedpendulum", "physics=native", "algo.num_epochs=1", "num_envs=4")
+QUICK = ("env=invertedpendulum", "physics=native", "algo.num_epochs=1")
 
 
 def command(*arguments):
@@ -56,7 +56,7 @@ def rows_of(run_dir):
 @pytest.fixture(scope="module")
 def finished(train, tmp_path_factory):
     run_dir = tmp_path_factory.mktemp("runs") / "run"
-    result = train(*QUICK, "seeds=2", "seed=3", "total_steps=2048", f"run_dir={run_dir}")
+    result = train(*QUICK, "seeds=2", "seed=3", "total_steps=8192", f"run_dir={run_dir}")
     assert result.returncode == 0, result.stderr
     return run_dir, result
 
@@ -64,7 +64,7 @@ def finished(train, tmp_path_factory):
 def test_a_run_leaves_what_it_promises(finished):
     run_dir, result = finished
     first_line = result.stdout.splitlines()[0]
-    assert first_line == "mopg on invertedpendulum, physics native on 2 × CPU, 4 envs × 2 seeds"
+    assert first_line == "mopg on invertedpendulum, physics native on 2 × CPU, 16 envs × 2 seeds"
     names = {p.name for p in run_dir.iterdir()}
     assert {"config.yaml", "metrics.csv", "checkpoints", "figures"} <= names
     assert any(name.startswith("events.out.tfevents") for name in names)
@@ -72,7 +72,7 @@ def test_a_run_leaves_what_it_promises(finished):
     assert figures == {"learning_curve.png", "option_durations.png"}
     rows = rows_of(run_dir)
     assert len(rows) == 2 * 4
-    assert rows[-1]["env_steps"] == "2048"
+    assert rows[-1]["env_steps"] == "8192"
     assert [row["seed"] for row in rows[:2]] == ["3", "4"]
 
 
@@ -105,12 +105,12 @@ def test_load_works_where_there_are_fewer_devices(finished):
 
 
 def test_resuming_continues_exactly(train, finished, tmp_path):
-    """2048 steps and 2048 more equal 4096 at once, to the last bit of every parameter."""
+    """8192 steps and 8192 more equal 16384 at once, to the last bit of every parameter."""
     run_dir, _ = finished
     whole = tmp_path / "whole"
-    arguments = (*QUICK, "seeds=2", "seed=3", "total_steps=4096")
+    arguments = (*QUICK, "seeds=2", "seed=3", "total_steps=16384")
     assert train(*arguments, f"run_dir={whole}").returncode == 0
-    result = train(f"resume={run_dir}", "total_steps=4096")
+    result = train(f"resume={run_dir}", "total_steps=16384")
     assert result.returncode == 0, result.stderr
     states = []
     for folder in (whole, run_dir):
@@ -126,6 +126,21 @@ def test_resuming_continues_exactly(train, finished, tmp_path):
     assert without_speed[0] == without_speed[1]
 
 
+@pytest.mark.timeout(300)
+def test_a_transfer_switches_tasks_and_resumes_in_the_second(train, tmp_path):
+    run_dir = tmp_path / "run"
+    pair = ("experiment=transfer", "pair=cartpole", "algo=ppo", "physics=native")
+    result = train(*pair, "algo.num_epochs=1", "total_steps=4096", f"run_dir={run_dir}")
+    assert result.returncode == 0, result.stderr
+    assert "ppo on dmc/cartpole_balance, then dmc/cartpole_balance_sparse" in result.stdout
+    assert [row["env_steps"] for row in rows_of(run_dir)] == ["2048", "4096", "6144", "8192"]
+    config = RunConfig.load(run_dir)
+    assert restore(run_dir, config, config.make_agent())[0] == 4
+    again = train(f"resume={run_dir}")
+    assert again.returncode == 0, again.stderr
+    assert len(rows_of(run_dir)) == 4
+
+
 def test_a_resumed_run_keeps_its_settings(train, finished):
     result = train(f"resume={finished[0]}", "algo.gamma=0.5")
     assert result.returncode == 2
@@ -135,7 +150,7 @@ def test_a_resumed_run_keeps_its_settings(train, finished):
 @pytest.mark.timeout(300)
 def test_ten_seeds_finish(train, tmp_path):
     """Batched factorisations and two devices once hung for ever on two cores."""
-    result = train(*QUICK, "seeds=10", "total_steps=1024", f"run_dir={tmp_path / 'run'}")
+    result = train(*QUICK, "seeds=10", "total_steps=4096", f"run_dir={tmp_path / 'run'}")
     assert result.returncode == 0, result.stderr
     assert len(rows_of(tmp_path / "run")) == 10 * 2
 
@@ -161,7 +176,7 @@ def test_ctrl_c_saves_what_was_learned(environment, tmp_path):
     assert "Traceback" not in err
     steps = int(rows_of(run_dir)[-1]["env_steps"])
     config = RunConfig.load(run_dir)
-    assert restore(run_dir, config, config.make_agent())[0] * 512 == steps
+    assert restore(run_dir, config, config.make_agent())[0] * 2048 == steps
     hitmdp_jax.load(run_dir)
 
 

@@ -5,6 +5,7 @@ import pytest
 import yaml
 
 from hitmdp_jax.agents import AGENTS
+from hitmdp_jax.envs import list_envs
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.config import RunConfig
 
@@ -37,7 +38,17 @@ def test_yaml_states_every_hyperparameter_and_its_default(name):
 def test_every_setting_of_the_yaml_is_known():
     settings = yaml.safe_load((CONFIGS / "config.yaml").read_text())
     names = {f.name for f in dataclasses.fields(RunConfig)}
-    assert set(settings) - {"defaults", "hydra", "resume", "run_dir"} | {"env", "algo"} == names
+    from_groups = {"env", "algo", "second_env"}
+    assert set(settings) - {"defaults", "hydra", "resume", "run_dir"} | from_groups == names
+
+
+def test_every_pair_names_two_tasks():
+    pairs = {p.stem: p for p in (CONFIGS / "pair").glob("*.yaml") if p.stem != "none"}
+    assert set(pairs) == {"cartpole", "reacher", "cheetah", "fish", "walker1", "walker2"}
+    for path in pairs.values():
+        settings = yaml.safe_load(path.read_text())
+        assert settings["defaults"][0]["override /env"] in list_envs()
+        assert settings["second_env"]["name"] in list_envs()
 
 
 def test_settings_survive_saving(tmp_path):

@@ -6,7 +6,7 @@ import pytest
 import hitmdp_jax
 from hitmdp_jax.agents import MOPG
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training.program import num_iterations
+from hitmdp_jax.training.program import num_iterations, repeat, transfer
 from tests.probes import Counter, Target
 
 AGENT = MOPG(num_epochs=2)
@@ -32,6 +32,31 @@ def test_train_is_init_and_repeated_steps(key):
     )(key)
     assert_close(whole, state, rtol=1e-3, atol=1e-5)
     assert_close(jax.tree.map(lambda x: x[-1], all_metrics), metrics, rtol=1e-3, atol=1e-4)
+
+
+def test_repeated_iterations_sum_up_their_metrics(key):
+    init, step = hitmdp_jax.make_train(AGENT, Target(), num_steps=3 * 128, **SIZES)
+    state, each = jax.lax.scan(lambda s, _: step(s), init(key), length=3)
+    again, together = repeat(step, 3)(init(key))
+    assert_close(again, state, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(together["option_steps"], each["option_steps"].sum(0))
+    np.testing.assert_allclose(together["episodes"], each["episodes"].sum())
+    np.testing.assert_allclose(
+        together["episode_return"],
+        np.average(each["episode_return"], weights=each["episodes"]),
+        rtol=1e-5,
+    )
+    np.testing.assert_allclose(together["value_loss"], each["value_loss"].mean(), rtol=1e-5)
+
+
+def test_a_transfer_keeps_what_was_learned_and_restarts_the_rest(key):
+    init, step = hitmdp_jax.make_train(AGENT, Target(), num_steps=128, **SIZES)
+    old = step(init(key))[0]
+    fresh = init(jax.random.key(9))
+    new = transfer(old, fresh)
+    assert_close((new.learner, new.normalizer, new.key), (old.learner, old.normalizer, old.key))
+    assert_close(new.rollout, fresh.rollout)
+    assert new.iteration == 1
 
 
 def test_a_seed_among_others_equals_the_seed_alone():

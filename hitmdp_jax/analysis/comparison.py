@@ -1,0 +1,136 @@
+"""Several algorithms on one task: a table and a figure in the style of the paper's Figure 3."""
+
+import csv
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from hitmdp_jax.analysis.figures import OPTION_COLORS, read_metrics, smooth
+from hitmdp_jax.errors import missing_extra
+
+FINAL_STEPS = 100_000  # environment steps whose episodes make up a final return
+BOOTSTRAPS = 2000
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """What one algorithm did. Returns are undiscounted, of the training policy."""
+
+    algo: str
+    final_returns: np.ndarray  # [S] mean over the last FINAL_STEPS of each seed
+    iqm: float  # interquartile mean over seeds
+    iqm_low: float  # 95% stratified bootstrap interval of it
+    iqm_high: float
+    steps_per_second: float  # of all seeds together, median over the run
+    parameters: int
+
+
+def final_returns(metrics: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return each seed's mean return [S] over episodes that ended in the last FINAL_STEPS."""
+    steps = metrics["env_steps"][0]
+    last = steps > steps[-1] - FINAL_STEPS
+    returns, episodes = metrics["episode_return"][:, last], metrics["episodes"][:, last]
+    return np.nansum(returns * episodes, axis=1) / episodes.sum(axis=1)
+
+
+def interquartile_means(
+    scores: Mapping[str, np.ndarray],
+) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
+    """Return each algorithm's IQM over seeds [S] and its 95% bootstrap interval.
+
+    Source: Agarwal et al. 2021, "Deep RL at the edge of the statistical precipice" (rliable).
+
+    Raises:
+      UsageError: rliable is not installed.
+    """
+    try:
+        from rliable import library, metrics
+    except ImportError:
+        raise missing_extra("report", "A comparison's table") from None
+    by_task = {name: x[:, None] for name, x in scores.items()}
+    points, intervals = library.get_interval_estimates(
+        by_task, lambda x: np.array([metrics.aggregate_iqm(x)]), reps=BOOTSTRAPS
+    )
+    return (
+        {name: float(point[0]) for name, point in points.items()},
+        {name: (float(low), float(high)) for name, ((low,), (high,)) in intervals.items()},
+    )
+
+
+def compare(run_dirs: Mapping[str, Path], parameters: Mapping[str, int]) -> list[Result]:
+    """Summarise finished runs, one for each algorithm.
+
+    Args:
+      run_dirs: algorithm -> its run's folder.
+      parameters: algorithm -> number of parameters of one seed.
+
+    Raises:
+      UsageError: rliable is not installed.
+    """
+    runs = {algo: read_metrics(folder) for algo, folder in run_dirs.items()}
+    finals = {algo: final_returns(metrics) for algo, metrics in runs.items()}
+    points, intervals = interquartile_means(finals)
+    return [
+        Result(
+            algo=algo,
+            final_returns=finals[algo],
+            iqm=points[algo],
+            iqm_low=intervals[algo][0],
+            iqm_high=intervals[algo][1],
+            steps_per_second=float(
+                np.median(metrics["steps_per_second"][0]) * len(metrics["steps_per_second"])
+            ),
+            parameters=parameters[algo],
+        )
+        for algo, metrics in runs.items()
+    ]
+
+
+def table(results: Sequence[Result]) -> list[list[str]]:
+    """Return the comparison as rows of text, the header first."""
+    rows = [["algo", "return", "std", "IQM [95% interval]", "per seed", "steps/s", "parameters"]]
+    for result in results:
+        returns = result.final_returns
+        rows.append(
+            [
+                result.algo,
+                f"{returns.mean():.1f}",
+                f"{returns.std():.1f}",
+                f"{result.iqm:.1f} [{result.iqm_low:.1f}, {result.iqm_high:.1f}]",
+                " ".join(f"{x:.0f}" for x in returns),
+                f"{result.steps_per_second:.0f}",
+                str(result.parameters),
+            ]
+        )
+    return rows
+
+
+def save_table(results: Sequence[Result], folder: Path) -> None:
+    """Write the comparison as `comparison.csv` and as Markdown, `comparison.md`."""
+    rows = table(results)
+    with (folder / "comparison.csv").open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    lines = [" | ".join(row) for row in rows]
+    lines.insert(1, " | ".join("---" for _ in rows[0]))
+    (folder / "comparison.md").write_text("".join(f"| {line} |\n" for line in lines))
+
+
+def comparison_figure(run_dirs: Mapping[str, Path], title: str) -> Figure:
+    """Plot every algorithm's learning curve: mean and standard deviation of seeds (Figure 3)."""
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    axes = figure.subplots()
+    for i, (algo, folder) in enumerate(run_dirs.items()):
+        metrics = read_metrics(folder)
+        steps, returns = metrics["env_steps"][0], smooth(metrics["episode_return"])
+        known = ~np.isnan(returns).any(axis=0)
+        mean, std = returns[:, known].mean(axis=0), returns[:, known].std(axis=0)
+        color = OPTION_COLORS[i % len(OPTION_COLORS)]
+        axes.plot(steps[known], mean, color=color, label=algo)
+        axes.fill_between(steps[known], mean - std, mean + std, color=color, alpha=0.2, lw=0)
+    axes.set(xlabel="environment steps", ylabel="episode return", title=title)
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return figure

@@ -1,0 +1,73 @@
+import csv
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from hitmdp_jax.analysis.comparison import (
+    compare,
+    comparison_figure,
+    final_returns,
+    interquartile_means,
+    save_table,
+)
+from hitmdp_jax.training.records import Records
+
+
+def write_run(folder, level):
+    folder.mkdir()
+    records = Records(folder, first_seed=0)
+    for i in range(1, 101):
+        known = np.array([i % 2, 1.0])
+        values = {
+            "episode_return": np.where(known > 0, level + np.array([0.0, 10.0]), np.nan),
+            "episodes": known,
+            "steps_per_second": np.array([50.0, 50.0]),
+        }
+        records.write(i, 2000 * i, values)
+    records.close()
+
+
+def test_final_returns_weigh_the_last_episodes():
+    metrics = {
+        "env_steps": np.array([[100_000, 200_000, 250_000, 300_000]]),
+        "episode_return": np.array([[-99.0, -99.0, 1.0, 5.0]]),
+        "episodes": np.array([[1.0, 1.0, 3.0, 1.0]]),
+    }
+    # after 200,000: (3 * 1 + 1 * 5) / 4
+    np.testing.assert_allclose(final_returns(metrics), [2.0])
+
+
+def test_iqm_drops_the_outer_quarters():
+    scores = np.array([-1000.0, 1.0, 2.0, 1000.0])
+    points, intervals = interquartile_means({"a": scores})
+    assert points["a"] == pytest.approx(1.5)
+    assert intervals["a"][0] < 1.5 < intervals["a"][1]
+
+
+def test_runs_are_compared(tmp_path):
+    run_dirs = {"mopg": tmp_path / "mopg", "ppo": tmp_path / "ppo"}
+    write_run(run_dirs["mopg"], 100.0)
+    write_run(run_dirs["ppo"], 200.0)
+    results = compare(run_dirs, {"mopg": 10, "ppo": 20})
+    np.testing.assert_allclose(results[0].final_returns, [100.0, 110.0])
+    assert results[1].iqm == pytest.approx(205.0)
+    assert results[0].steps_per_second == 100.0
+    save_table(results, tmp_path)
+    with (tmp_path / "comparison.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["return"] for row in rows] == ["105.0", "205.0"]
+    assert (tmp_path / "comparison.md").read_text().count("\n") == 4
+    comparison_figure(run_dirs, "a task").savefig(tmp_path / "figure.png")
+
+
+def test_unknown_targets_and_algorithms_are_explained():
+    for arguments, sentence in (
+        (["comparison"], "Unknown target 'comparison'; did you mean 'compare'?"),
+        (["compare", "algos=mopg,pppo"], "Unknown algo 'pppo'; did you mean 'ppo'?"),
+    ):
+        command = [sys.executable, "-m", "hitmdp_jax.reproduce", *arguments]
+        result = subprocess.run(command, capture_output=True, text=True)
+        assert result.returncode == 2
+        assert result.stderr.startswith(f"error: {sentence}")
