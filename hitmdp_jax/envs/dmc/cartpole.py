@@ -24,7 +24,9 @@ CONTROL_MARGIN = 1.0  # of the force of 10 N
 CART_RANGE = (-0.25, 0.25)  # m
 COSINE_RANGE = (0.995, 1.0)  # of the pole's angle: within 0.1 rad
 
-MJX_BUDGET = SolverBudget(iterations=3, ls_iterations=2)
+# One control step errs by 2.3e-7 in qpos with 1 and 2 iterations as with 100 and 50, at the end of
+# the rail, too: its stop is the one constraint. One iteration is to spare.
+MJX_BUDGET = SolverBudget(iterations=2, ls_iterations=2)
 
 
 def _without_energy(spec: mujoco.MjSpec) -> None:

@@ -18,8 +18,9 @@ INITIAL_ANGLE = 0.2  # rad, half-width
 def _without_contacts(spec: mujoco.MjSpec) -> None:
     """Take the geoms out of collision detection.
 
-    The model's constraints are switched off, so contacts are found and never felt. MJX cannot even
-    look for them: it has no test of an ellipsoid (tail) against a box (torso).
+    The model's constraints are switched off, so contacts are neither found nor felt: with and
+    without this edit, 10,000 substeps of MuJoCo C agree to the last bit. MJX wants a test of every
+    pair of geoms all the same, and has none of an ellipsoid (tail) against a box (torso).
     """
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0

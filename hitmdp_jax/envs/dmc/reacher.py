@@ -18,6 +18,8 @@ FINGER_RADIUS = 0.01  # m
 BIG_TARGET, SMALL_TARGET = 0.05, 0.015  # radius, m
 TARGET_DISTANCE = (0.05, 0.2)  # from the shoulder, m
 
+# One control step errs by 3.7e-7 in qpos with 2 and 2 iterations as with 100 and 50, by 2e-2 with 1
+# and 2 where the wrist hits its stop, the one constraint. One iteration is to spare.
 MJX_BUDGET = SolverBudget(iterations=3, ls_iterations=2)
 
 
