@@ -38,6 +38,7 @@ _REGISTRY = {
     "dmc/walker_stand": ("dmc.walker", "WalkerStand"),
     "dmc/walker_walk": ("dmc.walker", "WalkerWalk"),
     "dmc/walker_backward": ("dmc.walker", "WalkerBackward"),
+    "toy/turkey": ("toy.turkey", "Turkey"),
 }
 
 

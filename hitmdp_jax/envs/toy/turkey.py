@@ -1,0 +1,48 @@
+"""The Thanksgiving turkey: actions that change only later rewards (App. A)."""
+
+import jax
+import jax.numpy as jnp
+from brax.envs.base import Env, State
+
+from hitmdp_jax.envs.physics import PhysicsChoice
+
+ROAST_THRESHOLD = 0.0  # actions above it roast, others stuff
+STUFFED_REWARD = 10.0
+PLAIN_REWARD = -10.0
+
+
+class Turkey(Env):
+    """Stuff the turkey, then roast it; the camera shows only whether it is raw or cooked.
+
+    Observation [2]: one-hot of raw and cooked. Action [1]: positive roasts, else stuffs. Stuffing
+    is rewarded 0. Roasting terminates the episode with reward 10 if the turkey is stuffed and -10
+    if not; so does the second action, whatever it is. The best return is 10. A policy of the
+    observation alone that roasts with probability p gets -10 p + 10 p (1 - p) = -10 p^2, at best 0:
+    what was done before must be remembered.
+    """
+
+    episode_length = 2
+    observation_size = 2  # pyright: ignore[reportAssignmentType]
+    action_size = 1  # pyright: ignore[reportAssignmentType]
+    backend = "none"  # pyright: ignore[reportAssignmentType]
+
+    def __init__(self, physics: PhysicsChoice = "none"):
+        """Take a physics engine's name, as every task does, and ignore it."""
+
+    def reset(self, rng: jax.Array) -> State:
+        """Return the raw, plain turkey; there is nothing random in it."""
+        zero = jnp.zeros(())
+        raw = jnp.array([1.0, 0.0])
+        return State(None, raw, reward=zero, done=zero, info={"stuffed": zero})
+
+    def step(self, state: State, action: jax.Array) -> State:
+        """Stuff or roast."""
+        roast = (action[0] > ROAST_THRESHOLD).astype(jnp.float32)
+        outcome = jnp.where(state.info["stuffed"] > 0, STUFFED_REWARD, PLAIN_REWARD)
+        return State(
+            None,
+            jnp.stack([1.0 - roast, roast]),
+            reward=roast * outcome,
+            done=jnp.maximum(roast, state.info["stuffed"]),
+            info={"stuffed": jnp.ones(())},
+        )
