@@ -53,13 +53,15 @@ class LearnerState(struct.PyTreeNode):
 
     params: Any
     opt_state: Any
+    extra: Any = ()  # what only some algorithms need: OC's target network
 
 
 class Agent(Protocol):
     """An algorithm: a frozen dataclass of hyperparameters with pure methods.
 
     Float fields are pytree leaves, so they may be traced and vmapped; ints, strings and tuples are
-    static. `memory` is what the policy carries from step to step: nothing for PPO, o_{t-1} for
+    static. An agent with schedules has one more method, `scheduled(progress) -> Agent`: itself after
+    that fraction of the run. `memory` is what the policy carries from step to step: nothing for PPO, o_{t-1} for
     MOPG. Every method takes any leading batch shape.
     """
 

@@ -1,4 +1,4 @@
-"""Minibatch gradient descent over one rollout."""
+"""Gradient descent over one rollout, whole or in minibatches."""
 
 from collections.abc import Callable
 from typing import Any
@@ -20,6 +20,15 @@ def adam(
     """
     clip = optax.clip_by_global_norm(max_grad_norm)
     return optax.flatten(optax.chain(clip, optax.adam(learning_rate, eps=eps)))
+
+
+def gradient_step(
+    loss: Loss, optimizer: optax.GradientTransformation, params: Any, opt_state: Any, data: Any
+) -> tuple[Any, Any, dict[str, jax.Array]]:
+    """Take one step on all the data; return the new params, optimiser state and diagnostics."""
+    grads, diagnostics = jax.grad(loss, has_aux=True)(params, data)
+    updates, opt_state = optimizer.update(grads, opt_state, params)
+    return optax.apply_updates(params, updates), opt_state, diagnostics
 
 
 def minibatch_epochs(
@@ -56,9 +65,10 @@ def minibatch_epochs(
     def step(carry: tuple[Any, Any], indices: jax.Array):
         params, opt_state = carry
         minibatch = jax.tree.map(lambda x: x[indices], data)
-        grads, diagnostics = jax.grad(loss, has_aux=True)(params, minibatch)
-        updates, opt_state = optimizer.update(grads, opt_state, params)
-        return (optax.apply_updates(params, updates), opt_state), diagnostics
+        params, opt_state, diagnostics = gradient_step(
+            loss, optimizer, params, opt_state, minibatch
+        )
+        return (params, opt_state), diagnostics
 
     (params, opt_state), diagnostics = jax.lax.scan(
         step, (params, opt_state), permutations.reshape(-1, minibatch_size)

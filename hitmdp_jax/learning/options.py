@@ -42,9 +42,30 @@ def option_transition(
     return jnp.logaddexp(stay, log_stop[..., None] + log_master)
 
 
+def option_belief(
+    log_posterior: jax.Array, log_master: jax.Array, termination: jax.Array, initial: jax.Array
+) -> jax.Array:
+    r"""Return log P(o_t | s_0..s_t, a_0..a_{t-1}), [..., K] (Smith et al. 2018, Sect. 4).
+
+    .. math::
+      b_t(o) = \sum_{o'} P(o | s_t, o') \, P(o_{t-1} = o' | s_0..s_{t-1}, a_0..a_{t-1})
+
+    Args:
+      log_posterior: [..., K] log-probabilities of o_{t-1}, having seen a_{t-1}.
+      log_master: [..., K] log pi(o | s_t).
+      termination: [..., K] logits of beta_o(s_t).
+      initial: [...] bool, an episode starts: the belief is the master's.
+    """
+    every = jnp.arange(log_master.shape[-1])
+    transition = option_transition(log_master[..., None, :], termination, every)  # [.., K', K]
+    going_on = jax.nn.logsumexp(log_posterior[..., None] + transition, axis=-2)
+    return jnp.where(initial[..., None], log_master, going_on)
+
+
 def entropy(log_probs: jax.Array) -> jax.Array:
-    """Return the entropy [...] in nats of log-probabilities [..., K]."""
-    return -(jnp.exp(log_probs) * log_probs).sum(-1)
+    """Return the entropy [...] in nats of log-probabilities [..., K], which may be -inf."""
+    probs = jnp.exp(log_probs)
+    return -jnp.where(probs > 0, probs * log_probs, 0.0).sum(-1)
 
 
 def value_of_next_option(

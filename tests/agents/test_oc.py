@@ -1,0 +1,119 @@
+"""OC's master, returns and loss against their definitions."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hitmdp_jax.agents import OC
+from hitmdp_jax.learning.options import OptionMemory
+from tests.agents.option_batches import (
+    A,
+    B,
+    K,
+    O,
+    T,
+    log_density,
+    random_batch,
+    random_params,
+)
+
+
+@pytest.fixture
+def agent():
+    return OC()
+
+
+@pytest.fixture
+def params(agent, key):
+    return random_params(agent, key)
+
+
+@pytest.fixture
+def data(agent, params, key):
+    data, _, _ = agent.evaluate(params, random_batch(key))
+    return data | {"return": jax.random.normal(key, (T, B))}
+
+
+def test_the_master_is_epsilon_greedy(agent, params, key):
+    heads = agent.heads(params, jax.random.normal(key, (O,)))
+    expected = np.full(K, 0.1 / K)
+    expected[int(heads.value.argmax())] += 0.9
+    np.testing.assert_allclose(jnp.exp(heads.log_master), expected, rtol=1e-5)
+
+
+def test_a_greedy_master_has_finite_metrics(params, key):
+    metrics = OC(epsilon=0.0).evaluate(params, random_batch(key))[2]
+    assert all(np.isfinite(x).all() for x in metrics.values())
+
+
+def test_an_option_that_never_terminates_goes_on(agent, params, key):
+    output = jax.tree.map(jnp.zeros_like, params["terminations"]["output"])
+    output["bias"] -= 50.0
+    params = params | {"terminations": params["terminations"] | {"output": output}}
+    memory = OptionMemory(jnp.arange(400) % K, jnp.zeros(400, bool))
+    _, _, option = agent.act(params, jnp.ones((400, O)), memory, key)
+    np.testing.assert_array_equal(option, memory.previous)
+
+
+def test_value_upon_arrival_is_by_hand(agent, params, key):
+    obs = jax.random.normal(key, (O,))
+    heads = agent.heads(params, obs)
+    for option in range(K):
+        beta = jax.nn.sigmoid(heads.termination[option])
+        expected = (1 - beta) * heads.value[option] + beta * heads.value.max()
+        result = agent.value_upon_arrival(params, obs, jnp.array(option))
+        np.testing.assert_allclose(result, expected, rtol=1e-5)
+
+
+def test_gradient_is_the_option_critics(agent, params, data):
+    sg = jax.lax.stop_gradient
+
+    def plain(params, sample):
+        heads, memory, option = (
+            agent.heads(params, sample["obs"]),
+            sample["memory"],
+            sample["option"],
+        )
+        q, previous = heads.value, memory.previous
+        std = jnp.log1p(jnp.exp(params["rho"][option]))
+        entropy = (0.5 * jnp.log(2 * jnp.pi * jnp.e) + jnp.log(std)).sum()
+        log_pi = log_density(params, heads, option, sample["action"])
+        going_on = q[previous] - (0.9 * q.max() + 0.1 * q.mean()) + 0.01
+        beta = jnp.where(memory.initial, 0.0, jax.nn.sigmoid(heads.termination[previous]))
+        return (
+            0.5 * (q[option] - sample["return"]) ** 2
+            - log_pi * sg(sample["return"] - q[option])
+            - 0.01 * entropy
+            + beta * sg(going_on)
+        )
+
+    result = jax.jit(jax.grad(lambda p: agent.loss(p, data)[0]))(params)
+    each = jax.vmap(jax.vmap(plain, in_axes=(None, 0)), in_axes=(None, 0))
+    expected = jax.jit(jax.grad(lambda p: each(p, data).mean()))(params)
+    jax.tree.map(
+        lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-4), result, expected
+    )
+
+
+def test_the_target_network_is_copied_when_due(key):
+    agent = OC(target_period=3 * T)
+    update = jax.jit(agent.update)
+    state, batch = agent.init(key, O, A), random_batch(key)
+    first = state.params
+    for expected_age in (T, 2 * T, 0):
+        state, _ = update(state, batch, key)
+        assert state.extra.age == expected_age
+        copied = state.params if expected_age == 0 else first
+        jax.tree.map(np.testing.assert_array_equal, state.extra.params, copied)
+
+
+def test_returns_bootstrap_from_the_target_network(agent, params, key):
+    """With gamma 0 the target network cannot matter, else it does."""
+    batch = random_batch(key)
+    state = agent.init(key, O, A)
+    other = state.replace(extra=state.extra.replace(params=params))
+    for gamma, same in ((0.0, True), (0.99, False)):
+        update = jax.jit(agent.replace(gamma=gamma).update)
+        losses = [update(s, batch, key)[1]["value_loss"] for s in (state, other)]
+        assert np.isclose(*losses, rtol=1e-6) == same
