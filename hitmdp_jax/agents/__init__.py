@@ -3,6 +3,7 @@
 from hitmdp_jax.agents.ahp import AHP
 from hitmdp_jax.agents.base import Agent, LearnerState
 from hitmdp_jax.agents.dac import DAC
+from hitmdp_jax.agents.iopg import IOPG
 from hitmdp_jax.agents.mopg import MOPG
 from hitmdp_jax.agents.oc import OC
 from hitmdp_jax.agents.ppo import PPO
@@ -13,6 +14,7 @@ AGENTS = {
     "ppo": PPO,
     "dac": DAC,
     "ahp": AHP,
+    "iopg": IOPG,
     "ppoc": PPOC,
     "oc": OC,
 }
@@ -21,6 +23,7 @@ __all__ = [
     "AGENTS",
     "AHP",
     "DAC",
+    "IOPG",
     "MOPG",
     "OC",
     "PPO",

@@ -14,6 +14,7 @@ from hitmdp_jax.learning.advantages import generalized_advantages, standardize
 from hitmdp_jax.learning.optimization import adam, minibatch_epochs
 from hitmdp_jax.learning.options import option_statistics
 from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.learning.schedules import SCHEDULES, anneal
 from hitmdp_jax.learning.surrogate import clipped_surrogate
 from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEncoder
 
@@ -85,7 +86,8 @@ class MOPG(struct.PyTreeNode):
     gamma: float = traced(0.99, high=1.0)
     gae_lambda: float = traced(0.95, high=1.0)
     clip_eps: float = traced(0.2)
-    entropy_weight: float = traced(0.0)  # a_H
+    entropy_weight: float = traced(0.0)  # a_H, at the start of a run where it is annealed
+    final_entropy_weight: float = traced(0.0)  # a_H at the end of an annealed run
     information_weight: float = traced(0.0)  # a_I
     similarity: float = traced(0.75)  # c, the weight of the similarity logits
     initial_log_std: float = traced(-0.5, low=-10.0, high=10.0)
@@ -94,10 +96,18 @@ class MOPG(struct.PyTreeNode):
     hidden_sizes: tuple[int, ...] = static((64, 64))
     master_policy: str = static("similarity", MASTER_POLICIES)
     mutual_information: str = static("none", mi.CHOICES)
+    entropy_schedule: str = static("constant", tuple(SCHEDULES))
     initial_option: str = static("uniform", INITIAL_OPTIONS)
     bootstrap_on_truncation: bool = static(True)
     num_epochs: int = static(10)
     minibatch_size: int = static(64)
+
+    def scheduled(self, progress: jax.Array) -> "MOPG":
+        """Return the agent as it is after a fraction `progress` of the run (App. B.2)."""
+        annealed = anneal(
+            self.entropy_schedule, self.entropy_weight, self.final_entropy_weight, progress
+        )
+        return self.replace(entropy_weight=annealed)
 
     def network(self, action_size: int) -> MOPGNetwork:
         """Return the network for actions of this size."""

@@ -198,3 +198,10 @@ def test_unknown_master_policy_is_explained():
 
     with pytest.raises(UsageError, match="did you mean 'printed'"):
         check_hyperparameters(MOPG(master_policy="print"))
+
+
+def test_the_entropy_weight_is_annealed():
+    agent = MOPG(entropy_weight=0.2, final_entropy_weight=0.1, entropy_schedule="linear")
+    assert float(agent.scheduled(jnp.array(0.5)).entropy_weight) == pytest.approx(0.15)
+    constant = MOPG(entropy_weight=0.2).scheduled(jnp.array(0.5))
+    assert float(constant.entropy_weight) == pytest.approx(0.2)
