@@ -91,6 +91,9 @@ def make_train(
     observation_size, action_size = env.observation_size, env.action_size
     assert isinstance(observation_size, int)
 
+    iterations = num_iterations(num_steps, num_envs, rollout_length)
+    scheduled = getattr(agent, "scheduled", lambda progress: agent)
+
     def init(key: jax.Array) -> TrainState:
         key, key_agent, key_env, key_memory = jax.random.split(key, 4)
         normalizer = running_statistics.init_state(jnp.zeros(observation_size))
@@ -115,7 +118,8 @@ def make_train(
             key_rollout,
             rollout_length,
         )
-        learner, metrics = agent.update(state.learner, batch, key_update)
+        now = scheduled(state.iteration / iterations)
+        learner, metrics = now.update(state.learner, batch, key_update)
         normalizer = running_statistics.update(state.normalizer, obs)
         state = TrainState(learner, normalizer, rollout, key, state.iteration + 1)
         return state, episode_metrics(outcome) | metrics
