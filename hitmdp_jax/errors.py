@@ -28,6 +28,8 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> UsageError:
       valid: the names that would have been accepted.
     """
     options = sorted(valid)
+    if not options:
+        return UsageError(f"Unknown {kind} '{name}': there are none.")
     by_lower = {option.lower(): option for option in options}
     near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.5)
     hint = f"; did you mean '{by_lower[near[0]]}'?" if near else "."

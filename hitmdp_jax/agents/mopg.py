@@ -21,6 +21,14 @@ from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEn
 INITIAL_OPTIONS = ("uniform", "first")
 
 
+def remember(memory: jax.Array, option: jax.Array, num_options: int, order: int) -> jax.Array:
+    """Return the memory of the last `order` options, as one number in base K, newest first.
+
+    Of order 1 it is the option itself; in general o_{t-1} + K o_{t-2} + K^2 o_{t-3} + ...
+    """
+    return (option + num_options * memory) % num_options**order
+
+
 class MOPGNetwork(nn.Module):
     """Option embeddings W [K, E], the master policy, the action policy and the critic Q_O."""
 
@@ -30,6 +38,7 @@ class MOPGNetwork(nn.Module):
     hidden_sizes: tuple[int, ...]
     master_policy: str
     initial_log_std: jax.Array | float
+    value_order: int = 1
 
     def setup(self):
         """Declare the parts."""
@@ -55,17 +64,23 @@ class MOPGNetwork(nn.Module):
         """Return P(a | s, o) over [B, A] for obs [B, O], option [B]."""
         return self.decoder(obs, self.embeddings[option])
 
-    def q(self, obs: jax.Array, option: jax.Array) -> jax.Array:
-        """Return Q_O[s, o] [B] for obs [B, O], option [B]."""
-        return self.critic(obs, jax.nn.one_hot(option, self.num_options))
+    def q(self, obs: jax.Array, memory: jax.Array) -> jax.Array:
+        """Return Q_O[s, o_t] [B] for obs [B, O], memory [B] with o_t as its newest option."""
+        return self.critic(obs, jax.nn.one_hot(memory, self.num_options**self.value_order))
 
     def every_action(self, obs: jax.Array) -> distrax.MultivariateNormalDiag:
         """Return P(a | s, o) of each option, over [B, K, A], for obs [B, O]."""
         return self.decoder(obs[:, None], self.embeddings)
 
-    def every_q(self, obs: jax.Array) -> jax.Array:
-        """Return Q_O[s, o] of each option, [B, K], for obs [B, O]."""
-        return self.critic(obs[:, None], jnp.eye(self.num_options))
+    def every_q(self, obs: jax.Array, memory: jax.Array) -> jax.Array:
+        """Return Q_O[s, o] of each option, [B, K], for obs [B, O], memory [B] before the choice."""
+        options = jnp.arange(self.num_options)
+        return self.q(obs[:, None], remember(memory[:, None], options, *self.memory_size))
+
+    @property
+    def memory_size(self) -> tuple[int, int]:
+        """K and n."""
+        return self.num_options, self.value_order
 
 
 class MOPG(struct.PyTreeNode):
@@ -77,7 +92,9 @@ class MOPG(struct.PyTreeNode):
     printed Alg. 1 puts the reward-like terms inside gamma(...), see docs/errata.md.
 
     Memory: the previous option o_{t-1}, an int. At an episode's start it is drawn uniformly, or is
-    option 0 ("first", Alg. 1 line 3), by which the master policy can tell an episode's start.
+    option 0 ("first", Alg. 1 line 3), by which the master policy can tell an episode's start. With
+    `value_order` n > 1 the memory holds the last n options (`remember`), and the values depend on
+    all of them: the deep wide value functions of App. A. The policies see o_{t-1} alone.
     """
 
     learning_rate: float = traced(3e-4)
@@ -99,6 +116,7 @@ class MOPG(struct.PyTreeNode):
     entropy_schedule: str = static("constant", tuple(SCHEDULES))
     initial_option: str = static("uniform", INITIAL_OPTIONS)
     bootstrap_on_truncation: bool = static(True)
+    value_order: int = static(1)
     num_epochs: int = static(10)
     minibatch_size: int = static(64)
 
@@ -118,6 +136,7 @@ class MOPG(struct.PyTreeNode):
             self.hidden_sizes,
             self.master_policy,
             self.initial_log_std,
+            self.value_order,
         )
 
     def _apply(self, params: Any, method: str, *args: Any) -> Any:
@@ -138,7 +157,15 @@ class MOPG(struct.PyTreeNode):
         """Return the previous options of an episode's start."""
         if self.initial_option == "first":
             return jnp.zeros(batch_shape, jnp.int32)
-        return jax.random.randint(key, batch_shape, 0, self.num_options)
+        return jax.random.randint(key, batch_shape, 0, self.num_options**self.value_order)
+
+    def remember(self, memory: jax.Array, option: jax.Array) -> jax.Array:
+        """Return the memory after an option was taken."""
+        return remember(memory, option, self.num_options, self.value_order)
+
+    def previous_option(self, memory: jax.Array) -> jax.Array:
+        """Return o_{t-1}."""
+        return memory % self.num_options
 
     def act(
         self,
@@ -151,17 +178,20 @@ class MOPG(struct.PyTreeNode):
         """Draw o_t and a_t; the deterministic policy takes the likeliest of each.
 
         Returns:
-          The action, the new memory o_t, and o_t again as the record.
+          The action, the new memory, and o_t as the record.
         """
         batch_shape = memory.shape
         obs, memory = obs.reshape(-1, obs.shape[-1]), memory.reshape(-1)
         key_option, key_action = jax.random.split(key)
-        master = distrax.Categorical(self.master_log_probs(params, obs, memory))
-        option = master.mode() if deterministic else master.sample(seed=key_option)
+        previous = self.previous_option(memory)
+        master = distrax.Categorical(self.master_log_probs(params, obs, previous))
+        option = jnp.asarray(master.mode() if deterministic else master.sample(seed=key_option))
         policy = self._apply(params, "action", obs, option)
         action = policy.mode() if deterministic else policy.sample(seed=key_action)
-        option = jnp.reshape(option, batch_shape)
-        return action.reshape(*batch_shape, -1), option, option
+        memory, option = (
+            jnp.reshape(x, batch_shape) for x in (self.remember(memory, option), option)
+        )
+        return action.reshape(*batch_shape, -1), memory, option
 
     def update(
         self, state: LearnerState, batch: Batch, key: jax.Array
@@ -178,20 +208,22 @@ class MOPG(struct.PyTreeNode):
             num_epochs=self.num_epochs,
             minibatch_size=self.minibatch_size,
         )
-        options = option_statistics(batch.record, batch.memory, batch.started, self.num_options)
+        previous = self.previous_option(batch.memory)
+        options = option_statistics(batch.record, previous, batch.started, self.num_options)
         return LearnerState(params, opt_state), metrics | diagnostics | options
 
     def targets(self, params: Any, batch: Batch) -> tuple[dict[str, jax.Array], Metrics]:
         """Evaluate a rollout: what the loss needs of it, flat [T * B, ...], and metrics."""
         shape = batch.reward.shape
         flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), batch)
-        obs, previous, option = flat.obs, flat.memory, flat.record
+        obs, option, previous = flat.obs, flat.record, self.previous_option(flat.memory)
+        memory_next = self.remember(flat.memory, option)
 
         log_master = self.master_log_probs(params, obs, previous)  # [N, K]
-        q_all = self._apply(params, "every_q", obs)
+        q_all = self._apply(params, "every_q", obs, flat.memory)
         policy = self._apply(params, "action", obs, option)
         log_master_next = self.master_log_probs(params, flat.next_obs, option)
-        q_all_next = self._apply(params, "every_q", flat.next_obs)
+        q_all_next = self._apply(params, "every_q", flat.next_obs, memory_next)
 
         value = (jnp.exp(log_master) * q_all).sum(-1).reshape(shape)
         value_next = (jnp.exp(log_master_next) * q_all_next).sum(-1).reshape(shape)
@@ -222,6 +254,7 @@ class MOPG(struct.PyTreeNode):
             "obs": obs,
             "previous": previous,
             "option": option,
+            "memory": memory_next,
             "action": flat.action,
             "log_prob_option": mi.taken(log_master, option),
             "log_prob_action": policy.log_prob(flat.action),
@@ -253,7 +286,7 @@ class MOPG(struct.PyTreeNode):
             data["advantage_action"],
             self.clip_eps,
         )
-        q = self._apply(params, "q", data["obs"], data["option"])
+        q = self._apply(params, "q", data["obs"], data["memory"])
         value_loss = 0.5 * jnp.square(q - data["value_target"]).mean()
         diagnostics = {f"option_{name}": x for name, x in option.items()}
         diagnostics |= {f"action_{name}": x for name, x in action.items()}
@@ -271,7 +304,8 @@ class MOPG(struct.PyTreeNode):
             return mi.action_information(log_master, log_action, option)
         if self.mutual_information == "usage":
             return mi.usage_information(log_master, log_action, option)
-        usage = jax.nn.one_hot(flat.memory, self.num_options).mean(axis=0)
+        previous = self.previous_option(flat.memory)
+        usage = jax.nn.one_hot(previous, self.num_options).mean(axis=0)
         log_every_master = jax.vmap(
             lambda k: self.master_log_probs(params, obs, jnp.full_like(option, k)), out_axes=1
         )(jnp.arange(self.num_options))  # [N, K previous, K]

@@ -4,6 +4,7 @@ import functools
 import os
 import signal
 import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -28,6 +29,8 @@ from hitmdp_jax.training.policy import restore
 from hitmdp_jax.training.program import Init, Iterate, make_train, repeat, transfer
 from hitmdp_jax.training.records import Records
 from hitmdp_jax.training.sweep import Device, devices_for, place, sweep
+
+SPEED_WINDOW = 11  # reports whose times make up the speed shown
 
 
 def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
@@ -62,13 +65,14 @@ def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
             Display(title(config, devices), total_steps, first * config.steps_per_iteration)
         )
         interrupted = stack.enter_context(interruptible())
-        clock = time.perf_counter()
+        # Single reports come in bunches where the device runs ahead; a window's speed is steady.
+        times = deque([time.perf_counter()], maxlen=SPEED_WINDOW)
 
         def report(iteration: int, metrics: Metrics) -> None:
-            nonlocal clock
             values = {name: np.asarray(x) for name, x in metrics.items()}  # waits for the device
-            elapsed, clock = time.perf_counter() - clock, time.perf_counter()
-            values["steps_per_second"] = np.full(config.seeds, steps_per_report / elapsed)
+            times.append(time.perf_counter())
+            speed = steps_per_report * (len(times) - 1) / (times[-1] - times[0])
+            values["steps_per_second"] = np.full(config.seeds, speed)
             env_steps = iteration * config.steps_per_iteration
             records.write(iteration, env_steps, values)
             display.update(env_steps, values)

@@ -200,6 +200,30 @@ def test_unknown_master_policy_is_explained():
         check_hyperparameters(MOPG(master_policy="print"))
 
 
+def test_memory_of_order_three_holds_the_last_three_options(key):
+    agent = MOPG(value_order=3)
+    memory = jnp.zeros((), jnp.int32)
+    for option in (1, 2, 3):
+        memory = agent.remember(memory, jnp.array(option))
+    assert int(memory) == 3 + 4 * 2 + 16 * 1
+    assert int(agent.previous_option(memory)) == 3
+    assert int(agent.remember(memory, jnp.array(0))) == 0 + 4 * 3 + 16 * 2
+
+
+def test_values_of_order_two_depend_on_both_options(key, batch):
+    agent = MOPG(value_order=2)
+    params = agent.init(key, O, A).params
+    obs = batch.obs[0]
+    options, memory = jnp.array([0, 1, 2]), jnp.array([3, 2, 1])
+    every = agent._apply(params, "every_q", obs, memory)
+    for b, (option, previous) in enumerate(zip(options, memory, strict=True)):
+        # Q_O[s, o_t, o_{t-1}]
+        one = agent._apply(params, "q", obs[b][None], (option + K * previous)[None])
+        np.testing.assert_allclose(every[b, option], one[0], rtol=1e-5)
+        without = agent._apply(params, "q", obs[b][None], option[None])
+        assert not np.allclose(every[b, option], without)
+
+
 def test_the_entropy_weight_is_annealed():
     agent = MOPG(entropy_weight=0.2, final_entropy_weight=0.1, entropy_schedule="linear")
     assert float(agent.scheduled(jnp.array(0.5)).entropy_weight) == pytest.approx(0.15)

@@ -76,6 +76,7 @@ def limit_of_many_samples(hit, start, advantage_option, advantage_action):
     return params, {
         "obs": jax.nn.one_hot(state, S, dtype=jnp.float64),
         "previous": previous,
+        "memory": option,
         "option": option,
         "action": action,
         "log_prob_option": jax.nn.log_softmax(params["master"])[state, previous, option],
