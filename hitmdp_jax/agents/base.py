@@ -60,9 +60,9 @@ class Agent(Protocol):
     """An algorithm: a frozen dataclass of hyperparameters with pure methods.
 
     Float fields are pytree leaves, so they may be traced and vmapped; ints, strings and tuples are
-    static. An agent with schedules has one more method, `scheduled(progress) -> Agent`: itself after
-    that fraction of the run. `memory` is what the policy carries from step to step: nothing for PPO, o_{t-1} for
-    MOPG. Every method takes any leading batch shape.
+    static. An agent with schedules has one more method, `scheduled(progress) -> Agent`: itself
+    after that fraction of the run. `memory` is what the policy carries from step to step: nothing
+    for PPO, o_{t-1} for MOPG. Every method takes any leading batch shape.
     """
 
     minibatch_size: int

@@ -1,4 +1,5 @@
 import doctest
+import importlib
 import pathlib
 import re
 
@@ -25,10 +26,8 @@ def test_every_test_that_the_page_names_exists(page):
 def test_every_function_that_the_page_names_exists(page):
     text = (ROOT / "docs" / page).read_text()
     named = set(re.findall(r"`([A-Za-z_]+)\(", text)) | set(re.findall(r"`theory\.(\w+)", text))
-    modules = [
-        theory,
-        *(vars(theory)[m] for m in ("variance", "hit_mdp", "turkey", "trajectories")),
-    ]
+    names = ("variance", "hit_mdp", "turkey", "trajectories")
+    modules = [theory, *(importlib.import_module(f"{theory.__name__}.{name}") for name in names)]
     assert {name for name in named if not any(hasattr(m, name) for m in modules)} == set()
 
 
