@@ -17,7 +17,9 @@ def main() -> None:
     """Run the command line."""
     parser = argparse.ArgumentParser(prog="python -m hitmdp_jax.evaluate", description=__doc__)
     parser.add_argument("run_dir", type=Path, help="a run's folder")
-    parser.add_argument("--engine", default=None, help=f"one of {', '.join(ENGINES)}; the run's own")
+    parser.add_argument(
+        "--engine", default=None, help=f"one of {', '.join(ENGINES)}; the run's own"
+    )
     parser.add_argument("--episodes", type=int, default=50, help="episodes a seed (50)")
     parser.add_argument("--seed", type=int, default=None, help="one of the run's seeds; all")
     parser.add_argument("--deterministic", action="store_true", help="do not sample")
@@ -31,9 +33,7 @@ def main() -> None:
         for seed in chosen:
             policy = load(options.run_dir, seed)
             key = jax.random.key(seed)
-            scores = score(
-                policy, config, engine, options.episodes, key, options.deterministic
-            )
+            scores = score(policy, config, engine, options.episodes, key, options.deterministic)
             table.add_row(str(seed), *row(scores))
     except UsageError as error:
         exit_with(error)
