@@ -5,6 +5,7 @@ them, docs/errata.md lists what the paper prints differently. Everything may be 
 differentiated, and runs in float64 where x64 is enabled, else in float32.
 """
 
+from hitmdp_jax.theory.deep import deep_value, remembered
 from hitmdp_jax.theory.evidence import (
     Evidence,
     elbo_objective,
@@ -85,6 +86,7 @@ __all__ = [
     "bellman_operator",
     "call_and_return_probability",
     "check",
+    "deep_value",
     "discounted_return",
     "elbo_objective",
     "enumerate_trajectories",
@@ -116,6 +118,7 @@ __all__ = [
     "policy_gradient",
     "policy_iteration",
     "previous_option_belief",
+    "remembered",
     "return_second_moment",
     "smdp_probability",
     "variance_decomposition",

@@ -1,0 +1,31 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+
+from hitmdp_jax.agents.mopg import remember
+from hitmdp_jax.theory import deep_value, hidden_values, remembered
+
+from .strategies import SHAPE, few, hit_mdps, random_hit_mdp
+
+_, K, _ = SHAPE
+
+
+@few
+@given(hit_mdps())
+def test_order_one_is_v_bar(hit):
+    np.testing.assert_allclose(deep_value(hit, 1), hidden_values(hit).v_bar, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_older_options_say_nothing_more(order):
+    """E[G | s, o_{t-1}, o_{t-2}, ...] = V-bar[s, o_{t-1}]: the older ones are screened off."""
+    hit = random_hit_mdp(seed=1)
+    newest = jnp.arange(K**order) % K
+    expected = hidden_values(hit).v_bar[:, newest]
+    np.testing.assert_allclose(deep_value(hit, order), expected, atol=1e-10)
+
+
+def test_memories_are_those_of_the_agent():
+    memory, option = jnp.meshgrid(jnp.arange(K**2), jnp.arange(K), indexing="ij")
+    np.testing.assert_array_equal(remembered(K, 2), remember(memory, option, K, 2))
