@@ -47,6 +47,7 @@ def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
     """
     devices = devices_for(config.seeds)
     agent = config.make_agent()
+    envs = [make_task(config, task, len(devices)) for task in config.tasks]
     first, state = restore(run_dir, config, agent) if resume else (0, None)
     run_dir.mkdir(parents=True, exist_ok=True)
     config.save(run_dir / "config.yaml")
@@ -62,7 +63,9 @@ def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
         records = Records(run_dir, config.seed, resume_after=first)
         stack.callback(records.close)
         display = stack.enter_context(
-            Display(title(config, devices), total_steps, first * config.steps_per_iteration)
+            Display(
+                title(config, envs[0], devices), total_steps, first * config.steps_per_iteration
+            )
         )
         interrupted = stack.enter_context(interruptible())
         # Single reports come in bunches where the device runs ahead; a window's speed is steady.
@@ -77,11 +80,11 @@ def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
             records.write(iteration, env_steps, values)
             display.update(env_steps, values)
 
-        for number, task in enumerate(config.tasks):
+        for number, env in enumerate(envs):
             last = (number + 1) * config.iterations
-            if iteration >= last and number + 1 < len(config.tasks):
+            if iteration >= last and number + 1 < len(envs):
                 continue  # a resumed transfer that has left this task behind
-            init, step = programs(config, agent, task, devices)
+            init, step = programs(config, agent, env, devices)
             if state is None:
                 state = init(place(seed_keys(config), devices))
             elif iteration == number * config.iterations:
@@ -111,12 +114,12 @@ def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
 
 
 def programs(
-    config: RunConfig, agent: Agent, task: dict[str, Any], devices: list[Device]
+    config: RunConfig, agent: Agent, env: Env, devices: list[Device]
 ) -> tuple[Init, Iterate]:
     """Compile-ready init and step of every seed on one task; a step is one report's iterations."""
     init, step = make_train(
         agent,
-        make_task(config, task, len(devices)),
+        env,
         num_steps=config.total_steps,
         num_envs=config.num_envs,
         rollout_length=config.rollout_length,
@@ -138,9 +141,8 @@ def seed_keys(config: RunConfig) -> jax.Array:
     return jax.vmap(jax.random.key)(config.seed + jnp.arange(config.seeds))
 
 
-def title(config: RunConfig, devices: list[Device]) -> str:
+def title(config: RunConfig, env: Env, devices: list[Device]) -> str:
     """Return the line that says what runs, and where something would be faster."""
-    env = make_env(**config.env, physics=config.physics)
     on_cpu = devices[0].platform == "cpu"
     parts = [
         config.title,
