@@ -97,7 +97,7 @@ def raw_speed(name: str, num_envs: int, seconds: float) -> float:
 
 def envpool_speed(name: str, num_envs: int, seconds: float) -> float:
     """Time EnvPool's XLA interface, which takes actions in float64."""
-    import envpool
+    import envpool  # pyright: ignore[reportMissingImports] # a benchmark's dependency only
 
     jax.config.update("jax_enable_x64", True)
     gym_name = f"{type(task(name, 'native')).__name__}-v4"
