@@ -1,10 +1,11 @@
 """Environment steps a second of both engines, beside their limits and their peers.
 
-`python benchmarks/engine_speed.py` prints a table for the Gym tasks: `raw` is MuJoCo's own
-`Batch.step` without JAX, the limit of `native`; `envpool` goes through EnvPool's XLA interface
-(`pip install envpool`), `brax` is Brax's own `mjx` back end. All step 256 environments under random
-actions inside one compiled scan, each in a process of its own. `--memory` instead prints the peak
-memory of stepping 4096 HalfCheetahs.
+`python benchmarks/engine_speed.py` prints a table. `raw` is MuJoCo's own `Batch.step` without JAX,
+the limit of `native`; `envpool` goes through EnvPool's XLA interface (`pip install envpool`), which
+restarts finished episodes, and so does `native+resets`, through `VectorEnv`; `mjx-full` is `mjx`
+with the model's own solver budget; `brax` is Brax's own `mjx` back end. The others go on from
+wherever random actions lead. All step 256 environments inside one compiled scan, each in a process
+of its own. `--memory` instead prints the peak memory of stepping 4096 HalfCheetahs.
 """
 
 import argparse
@@ -19,13 +20,17 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
 import hitmdp_jax
 from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.physics import PhysicsChoice
+from hitmdp_jax.envs.physics.mjx import MjxPhysics
+from hitmdp_jax.envs.wrappers import VectorEnv, VectorState
 
-ENGINES = ("raw", "native", "envpool", "mjx", "brax")
+ENGINES = ("raw", "native", "native+resets", "envpool", "mjx", "mjx-full", "brax")
 SCAN_LENGTH = 32
 BRAX_NAMES = {
     "halfcheetah": "halfcheetah",
@@ -51,8 +56,8 @@ def calls_per_second(call: Callable[[], Any], seconds: float) -> float:
     return calls / (time.perf_counter() - start)
 
 
-def task(name: str, physics: str) -> MujocoEnv:
-    """Make a Gym task."""
+def task(name: str, physics: PhysicsChoice) -> MujocoEnv:
+    """Make a MuJoCo task."""
     env = hitmdp_jax.make_env(name, physics=physics)
     assert isinstance(env, MujocoEnv)
     return env
@@ -78,10 +83,30 @@ def scan_speed(reset: Callable, step: Callable, controls: Any, seconds: float) -
     return speed * SCAN_LENGTH * num_envs
 
 
+def speed_with_resets(env: MujocoEnv, controls: Any, seconds: float) -> float:
+    """Time `VectorEnv`, fresh initial states included; each call goes on from the last one."""
+    num_envs = controls.shape[1]
+    vector_env = VectorEnv(env, num_envs, pool_size=SCAN_LENGTH * num_envs // 4)
+
+    @jax.jit
+    def run(state: VectorState, key: jax.Array):
+        return jax.lax.scan(vector_env.step, vector_env.refill(state, key), controls)
+
+    states = [jax.jit(vector_env.reset)(jax.random.key(0))]
+
+    def call() -> None:
+        states[0], step = run(states[0], jax.random.key(1))
+        jax.block_until_ready(step.reward)
+
+    return calls_per_second(call, seconds) * SCAN_LENGTH * num_envs
+
+
 def raw_speed(name: str, num_envs: int, seconds: float) -> float:
     """Time `Batch.step` from the same states and under the same actions as `native`."""
     env = task(name, "native")
     batch = Batch(env.model, num_envs)
+    # DeepMind Control reads fields at the state after the step.
+    stage = mujoco.mjtStage.mjSTAGE_VEL if name.startswith("dmc/") else mujoco.mjtStage.mjSTAGE_NONE
     keys = jax.random.split(jax.random.key(0), num_envs)
     qpos, qvel = jax.vmap(env.sample_initial)(keys)
     controls = actions(env, num_envs)
@@ -90,7 +115,7 @@ def raw_speed(name: str, num_envs: int, seconds: float) -> float:
         batch.qpos[:], batch.qvel[:], batch.qacc_warmstart[:] = qpos, qvel, 0.0
         for control in controls:
             batch.ctrl[:] = control
-            batch.step(nstep=env.physics.frame_skip)
+            batch.step(nstep=env.physics.frame_skip, stage=stage)
 
     return calls_per_second(call, seconds) * SCAN_LENGTH * num_envs
 
@@ -131,8 +156,11 @@ def measure(name: str, engine: str, num_envs: int, seconds: float) -> float:
         return raw_speed(name, num_envs, seconds)
     if engine == "envpool":
         return envpool_speed(name, num_envs, seconds)
-    ours = task(name, "native" if engine == "native" else "mjx")
+    choices: dict[str, PhysicsChoice] = {"native+resets": "native", "mjx-full": MjxPhysics}
+    ours = task(name, choices.get(engine, "mjx" if engine == "brax" else engine))
     controls = actions(ours, num_envs)
+    if engine == "native+resets":
+        return speed_with_resets(ours, controls, seconds)
     if engine == "brax":
         import brax.envs
 
@@ -150,9 +178,9 @@ def in_own_process(*arguments: Any) -> Any:
 
 def main() -> None:
     """Print the table."""
-    gym_tasks = [name for name in hitmdp_jax.list_envs() if "/" not in name]
+    tasks = [name for name in hitmdp_jax.list_envs() if not name.startswith("toy/")]
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--tasks", nargs="+", default=gym_tasks, choices=gym_tasks)
+    parser.add_argument("--tasks", nargs="+", default=list(BRAX_NAMES), choices=tasks)
     parser.add_argument("--engines", nargs="+", default=ENGINES, choices=ENGINES)
     parser.add_argument("--num-envs", type=int, default=256)
     parser.add_argument("--seconds", type=float, default=3.0)
@@ -168,13 +196,13 @@ def main() -> None:
             peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
             print(f"{engine}: peak {peak:.2f} GiB so far")
         return
-    print(f"{'task':24}" + "".join(f"{engine:>10}" for engine in options.engines))
+    print(f"{'task':24}" + "".join(f"{engine:>15}" for engine in options.engines))
     for name in options.tasks:
         speeds = [
             in_own_process(name, engine, options.num_envs, options.seconds)
             for engine in options.engines
         ]
-        cells = "".join(f"{speed:10,.0f}" if speed else f"{'-':>10}" for speed in speeds)
+        cells = "".join(f"{speed:15,.0f}" if speed else f"{'-':>15}" for speed in speeds)
         print(f"{name:24}{cells}", flush=True)
 
 

@@ -52,4 +52,23 @@ def load_model(path: Path, edit: Callable[[mujoco.MjSpec], None] | None = None) 
     if total_mass > 0:
         mujoco.mj_setTotalmass(model, total_mass)
         mujoco.mj_setConst(model, mujoco.MjData(model))
+    switch_off_idle_stages(model)
     return model
+
+
+def switch_off_idle_stages(model: mujoco.MjModel) -> None:
+    """Spare MuJoCo C, in place, the stages that leave a lone robot's motion as it is to the bit.
+
+    Dividing the constraints into islands, which pays where many bodies move apart, takes up to 7 %
+    of a step; looking for contacts that the collision filter rules out, a fifth.
+    """
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+    if not can_touch(model):
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+
+
+def can_touch(model: mujoco.MjModel) -> bool:
+    """Return whether MuJoCo's collision filter lets any two geoms of a model through."""
+    meet = model.geom_contype[:, None] & model.geom_conaffinity != 0
+    body = model.body_weldid[model.geom_bodyid]
+    return model.npair > 0 or bool((meet & (body[:, None] != body)).any())
