@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 from brax.envs.base import Env, State
+from flax import struct
 
 
 class Target(Env):
@@ -45,3 +46,31 @@ class Counter(Env):
     observation_size = 2
     action_size = 1
     backend = "none"
+
+
+class PlaygroundState(struct.PyTreeNode):
+    """The state of MuJoCo Playground's environments, field for field."""
+
+    data: jax.Array
+    obs: jax.Array
+    reward: jax.Array
+    done: jax.Array
+    metrics: dict[str, jax.Array]
+    info: dict[str, jax.Array]
+
+
+class PlaygroundTarget:
+    """`Target` with the interface of MuJoCo Playground's environments, which are not Brax's."""
+
+    observation_size = 1
+    action_size = 1
+
+    def reset(self, rng):
+        x = jax.random.uniform(rng, (1,), minval=-1.0, maxval=1.0)
+        zero = jnp.zeros(())
+        return PlaygroundState(x, x, zero, zero, {"reward/near": zero}, {"rng": rng})
+
+    def step(self, state, action):
+        reward = 1.0 - jnp.square(action[0] - state.obs[0])
+        metrics = {"reward/near": reward}
+        return state.replace(reward=reward, done=jnp.ones(()), metrics=metrics)

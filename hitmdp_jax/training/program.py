@@ -69,7 +69,7 @@ def make_train(
 
     Args:
       agent: the algorithm and its hyperparameters, which may be traced.
-      env: a Brax environment, unbatched and without auto-reset.
+      env: an environment of Brax's or MuJoCo Playground's interface, unbatched, no auto-reset.
       num_steps: environment steps of the whole run; what a schedule counts against.
       num_envs: B, environments stepped side by side.
       rollout_length: T, steps of each environment an iteration.
@@ -82,14 +82,19 @@ def make_train(
       collect a rollout, update the normaliser and the agent. Metrics are scalars and [K] counts.
 
     Raises:
-      UsageError: a size is not positive or does not divide, or a hyperparameter is out of range.
+      UsageError: a size is not positive or does not divide, a hyperparameter is out of range, or an
+        observation is not one array.
     """
     check_hyperparameters(agent)
     check_sizes(agent, num_steps, num_envs, rollout_length)
     pool_size = reset_pool_size or max(1, num_envs * rollout_length // 4)
     vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger)
     observation_size, action_size = env.observation_size, env.action_size
-    assert isinstance(observation_size, int)
+    if not isinstance(observation_size, int):
+        raise UsageError(
+            "The environment observes several arrays, and a policy reads one: "
+            "pass an environment whose observation is a single array."
+        )
 
     iterations = num_iterations(num_steps, num_envs, rollout_length)
     scheduled = getattr(agent, "scheduled", lambda progress: agent)

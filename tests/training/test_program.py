@@ -7,7 +7,7 @@ import hitmdp_jax
 from hitmdp_jax.agents import MOPG
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.program import num_iterations, repeat, transfer
-from tests.probes import Counter, Target
+from tests.probes import Counter, PlaygroundTarget, Target
 
 AGENT = MOPG(num_epochs=2)
 SIZES = {"num_envs": 8, "rollout_length": 16}
@@ -32,6 +32,21 @@ def test_train_is_init_and_repeated_steps(key):
     )(key)
     assert_close(whole, state, rtol=1e-3, atol=1e-5)
     assert_close(jax.tree.map(lambda x: x[-1], all_metrics), metrics, rtol=1e-3, atol=1e-4)
+
+
+def test_a_playground_environment_trains_as_one_of_brax_does(key):
+    def returns(env):
+        sizes = SIZES | {"num_steps": 3 * 128, "episode_length": 10}
+        return jax.jit(lambda k: hitmdp_jax.train(AGENT, env, k, **sizes))(key)[1]["episode_return"]
+
+    np.testing.assert_allclose(returns(PlaygroundTarget()), returns(Target()), rtol=1e-3)
+
+
+def test_observations_of_several_arrays_are_refused():
+    env = PlaygroundTarget()
+    env.observation_size = {"state": 1, "privileged_state": 2}
+    with pytest.raises(UsageError, match="several arrays"):
+        hitmdp_jax.make_train(AGENT, env, num_steps=128, **SIZES)
 
 
 def test_repeated_iterations_sum_up_their_metrics(key):
