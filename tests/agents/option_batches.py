@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from hitmdp_jax.learning.options import OptionMemory
 from hitmdp_jax.learning.rollout import Batch
@@ -53,3 +54,16 @@ def log_density(params, heads, option, action):
     """Return log pi_o(a | s) of one state's heads, straight from the normal density."""
     std = jnp.log1p(jnp.exp(params["rho"][option]))
     return jax.scipy.stats.norm.logpdf(action, heads.mean[option], std).sum()
+
+
+def assert_ascends(loss, objective, params, data):
+    """A minibatch's loss falls along the gradient of the mean of `objective(params, sample)`."""
+
+    def mean_objective(params):
+        return jax.vmap(lambda sample: objective(params, sample))(data).mean()
+
+    descent = jax.jit(jax.grad(lambda params: -loss(params, data)[0]))(params)
+    ascent = jax.jit(jax.grad(mean_objective))(params)
+    jax.tree.map(
+        lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-4), descent, ascent
+    )

@@ -18,18 +18,12 @@ from tests.agents.option_batches import (
     log_density,
     option_probabilities,
     random_batch,
-    random_params,
 )
 
 
 @pytest.fixture
 def agent():
     return IOPG()
-
-
-@pytest.fixture
-def params(agent, key):
-    return random_params(agent, key)
 
 
 @pytest.fixture

@@ -15,18 +15,12 @@ from tests.agents.option_batches import (
     T,
     log_density,
     random_batch,
-    random_params,
 )
 
 
 @pytest.fixture
 def agent():
     return OC()
-
-
-@pytest.fixture
-def params(agent, key):
-    return random_params(agent, key)
 
 
 @pytest.fixture
