@@ -4,12 +4,15 @@
 the limit of `native`; `envpool` goes through EnvPool's XLA interface (`pip install envpool`), which
 restarts finished episodes, and so does `native+resets`, through `VectorEnv`; `mjx-full` is `mjx`
 with the model's own solver budget; `brax` is Brax's own `mjx` back end. The others go on from
-wherever random actions lead. All step 256 environments inside one compiled scan, each in a process
-of its own. `--memory` instead prints the peak memory of stepping 4096 HalfCheetahs.
+wherever random actions lead. All step 256 environments inside one compiled scan. Each engine has a
+process of its own; they take turns, and the table shows each one's median turn, because a machine
+is rarely as fast now as a minute ago. `--memory` instead prints the peak memory of stepping 4096
+HalfCheetahs.
 """
 
 import argparse
 import json
+import math
 import os
 import resource
 import subprocess
@@ -32,6 +35,7 @@ from hitmdp_jax.envs.wrappers import VectorEnv, VectorState
 
 ENGINES = ("raw", "native", "native+resets", "envpool", "mjx", "mjx-full", "brax")
 SCAN_LENGTH = 32
+LARGEST_SAFE_BATCH = 256  # of MJX on a CPU, but for the humanoids
 BRAX_NAMES = {
     "halfcheetah": "halfcheetah",
     "swimmer": "swimmer",
@@ -47,8 +51,7 @@ BRAX_NAMES = {
 
 
 def calls_per_second(call: Callable[[], Any], seconds: float) -> float:
-    """Call for some seconds after one call that compiles."""
-    call()
+    """Call for some seconds."""
     start, calls = time.perf_counter(), 0
     while time.perf_counter() - start < seconds:
         call()
@@ -70,8 +73,8 @@ def actions(env: MujocoEnv, num_envs: int) -> np.ndarray:
     return np.random.default_rng(0).uniform(low, high, size).astype(np.float32)
 
 
-def scan_speed(reset: Callable, step: Callable, controls: Any, seconds: float) -> float:
-    """Time a compiled scan of a vmapped environment; each call starts from fresh states."""
+def scan(reset: Callable, step: Callable, controls: Any) -> Callable[[], Any]:
+    """Return a compiled scan of a vmapped environment; each call starts from fresh states."""
     num_envs = controls.shape[1]
 
     @jax.jit
@@ -79,12 +82,11 @@ def scan_speed(reset: Callable, step: Callable, controls: Any, seconds: float) -
         return jax.lax.scan(lambda s, a: (jax.vmap(step)(s, a), None), states, controls)[0]
 
     states = jax.jit(jax.vmap(reset))(jax.random.split(jax.random.key(0), num_envs))
-    speed = calls_per_second(lambda: jax.block_until_ready(run(states)), seconds)
-    return speed * SCAN_LENGTH * num_envs
+    return lambda: jax.block_until_ready(run(states))
 
 
-def speed_with_resets(env: MujocoEnv, controls: Any, seconds: float) -> float:
-    """Time `VectorEnv`, fresh initial states included; each call goes on from the last one."""
+def scan_with_resets(env: MujocoEnv, controls: Any) -> Callable[[], Any]:
+    """Return `VectorEnv` scanned, fresh initial states included; a call goes on from the last."""
     num_envs = controls.shape[1]
     vector_env = VectorEnv(env, num_envs, pool_size=SCAN_LENGTH * num_envs // 4)
 
@@ -98,11 +100,11 @@ def speed_with_resets(env: MujocoEnv, controls: Any, seconds: float) -> float:
         states[0], step = run(states[0], jax.random.key(1))
         jax.block_until_ready(step.reward)
 
-    return calls_per_second(call, seconds) * SCAN_LENGTH * num_envs
+    return call
 
 
-def raw_speed(name: str, num_envs: int, seconds: float) -> float:
-    """Time `Batch.step` from the same states and under the same actions as `native`."""
+def raw_batch(name: str, num_envs: int) -> Callable[[], Any]:
+    """Return `Batch.step` from the same states and under the same actions as `native`."""
     env = task(name, "native")
     batch = Batch(env.model, num_envs)
     # DeepMind Control reads fields at the state after the step.
@@ -117,11 +119,11 @@ def raw_speed(name: str, num_envs: int, seconds: float) -> float:
             batch.ctrl[:] = control
             batch.step(nstep=env.physics.frame_skip, stage=stage)
 
-    return calls_per_second(call, seconds) * SCAN_LENGTH * num_envs
+    return call
 
 
-def envpool_speed(name: str, num_envs: int, seconds: float) -> float:
-    """Time EnvPool's XLA interface, which takes actions in float64."""
+def envpool_scan(name: str, num_envs: int) -> Callable[[], Any]:
+    """Return EnvPool's XLA interface scanned; it takes actions in float64."""
     import envpool  # pyright: ignore[reportMissingImports] # a benchmark's dependency only
 
     jax.config.update("jax_enable_x64", True)
@@ -147,33 +149,62 @@ def envpool_speed(name: str, num_envs: int, seconds: float) -> float:
         state[0], reward = run(state[0])
         jax.block_until_ready(reward)
 
-    return calls_per_second(call, seconds) * SCAN_LENGTH * num_envs
+    return call
 
 
-def measure(name: str, engine: str, num_envs: int, seconds: float) -> float:
-    """Return environment steps a second."""
+def prepare(name: str, engine: str, num_envs: int) -> Callable[[], Any]:
+    """Return what makes `SCAN_LENGTH` steps of every environment."""
     if engine == "raw":
-        return raw_speed(name, num_envs, seconds)
+        return raw_batch(name, num_envs)
     if engine == "envpool":
-        return envpool_speed(name, num_envs, seconds)
+        return envpool_scan(name, num_envs)
     choices: dict[str, PhysicsChoice] = {"native+resets": "native", "mjx-full": MjxPhysics}
     ours = task(name, choices.get(engine, "mjx" if engine == "brax" else engine))
     controls = actions(ours, num_envs)
     if engine == "native+resets":
-        return speed_with_resets(ours, controls, seconds)
+        return scan_with_resets(ours, controls)
     if engine == "brax":
         import brax.envs
 
         env = brax.envs.get_environment(BRAX_NAMES[name], backend="mjx")
-        return scan_speed(env.reset, env.step, controls[..., : env.action_size], seconds)
-    return scan_speed(ours.reset, ours.step, controls, seconds)
+        return scan(env.reset, env.step, controls[..., : env.action_size])
+    return scan(ours.reset, ours.step, controls)
 
 
-def in_own_process(*arguments: Any) -> Any:
-    """Run this file on one measurement; None where it fails."""
-    command = [sys.executable, __file__, "--one", json.dumps(arguments)]
-    out = subprocess.run(command, capture_output=True, text=True)
-    return json.loads(out.stdout.splitlines()[-1]) if out.returncode == 0 else None
+def serve(name: str, engine: str, num_envs: int) -> None:
+    """Answer every number of seconds on standard input with environment steps a second."""
+    if num_envs > LARGEST_SAFE_BATCH or "humanoid" in name:
+        os.environ.setdefault("NPROC", str(4 * (os.cpu_count() or 1)))  # see `set_up_host`
+    call = prepare(name, engine, num_envs)
+    call()
+    for line in sys.stdin:
+        print(calls_per_second(call, float(line)) * SCAN_LENGTH * num_envs, flush=True)
+
+
+class Worker:
+    """`serve` in a process of its own."""
+
+    def __init__(self, *arguments: Any):
+        command = [sys.executable, __file__, "--serve", json.dumps(arguments)]
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(
+            command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True
+        )
+
+    def measure(self, seconds: float) -> float:
+        """Return environment steps a second; NaN where the engine lacks the task."""
+        stdin, stdout = self._process.stdin, self._process.stdout
+        assert stdin is not None
+        assert stdout is not None
+        try:
+            print(seconds, file=stdin, flush=True)
+            return float(stdout.readline() or "nan")
+        except BrokenPipeError:
+            return math.nan
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.communicate()
 
 
 def main() -> None:
@@ -183,26 +214,31 @@ def main() -> None:
     parser.add_argument("--tasks", nargs="+", default=list(BRAX_NAMES), choices=tasks)
     parser.add_argument("--engines", nargs="+", default=ENGINES, choices=ENGINES)
     parser.add_argument("--num-envs", type=int, default=256)
-    parser.add_argument("--seconds", type=float, default=3.0)
+    parser.add_argument("--turns", type=int, default=5)
+    parser.add_argument("--seconds", type=float, default=1.0, help="of a turn")
     parser.add_argument("--memory", action="store_true")
-    parser.add_argument("--one", help="one measurement, as JSON")
+    parser.add_argument("--serve", help="be a worker: task, engine and environments, as JSON")
     options = parser.parse_args()
-    if options.one:
-        print(json.dumps(measure(*json.loads(options.one))))
+    if options.serve:
+        serve(*json.loads(options.serve))
         return
     if options.memory:
         for engine in ("native", "mjx"):
-            in_own_process("halfcheetah", engine, 4096, 1.0)
+            worker = Worker("halfcheetah", engine, 4096)
+            worker.measure(1.0)
+            worker.close()
             peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
             print(f"{engine}: peak {peak:.2f} GiB so far")
         return
     print(f"{'task':24}" + "".join(f"{engine:>15}" for engine in options.engines))
     for name in options.tasks:
-        speeds = [
-            in_own_process(name, engine, options.num_envs, options.seconds)
-            for engine in options.engines
-        ]
-        cells = "".join(f"{speed:15,.0f}" if speed else f"{'-':>15}" for speed in speeds)
+        workers = [Worker(name, engine, options.num_envs) for engine in options.engines]
+        for worker in workers:
+            worker.measure(0.1)  # once all have compiled, none disturbs the others
+        turns = [[w.measure(options.seconds) for w in workers] for _ in range(options.turns)]
+        for worker in workers:
+            worker.close()
+        cells = "".join(f"{speed:15,.0f}" for speed in np.median(turns, axis=0))
         print(f"{name:24}{cells}", flush=True)
 
 

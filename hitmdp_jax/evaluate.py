@@ -10,6 +10,7 @@ from rich.table import Table
 from hitmdp_jax.analysis.evaluation import ENGINES, Scores, score
 from hitmdp_jax.errors import UsageError, exit_with
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.policy import load
 
 
@@ -29,6 +30,7 @@ def main() -> None:
         seeds = range(config.seed, config.seed + config.seeds)
         chosen = seeds if options.seed is None else [options.seed]
         engine = options.engine or config.physics
+        set_up_host(options.episodes)
         table = Table("seed", "return", "std", "min", "max", "std error", "length", title=engine)
         for seed in chosen:
             policy = load(options.run_dir, seed)

@@ -1,13 +1,11 @@
 """The command line of `train.py`: Hydra's settings in, one sentence out where they are wrong."""
 
-import os
 import re
 import sys
 from pathlib import Path
 from typing import Any
 
 import hydra
-import jax
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
@@ -16,9 +14,9 @@ from omegaconf.errors import OmegaConfBaseException
 
 from hitmdp_jax.errors import UsageError, exit_with, unknown_name
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.host import set_up_host
 
 RESUMABLE = ("resume", "total_steps")  # what may stand on a command line that resumes a run
-CACHE = Path.home() / ".cache" / "hitmdp_jax"
 
 
 def main(config_dir: Path) -> None:
@@ -40,11 +38,6 @@ def main(config_dir: Path) -> None:
 
 def _run(settings: DictConfig) -> None:
     """Train as the composed settings say."""
-    # The cores are presented to XLA as devices, so that seeds can be spread over them; programs
-    # that MJX makes large are compiled once and kept.
-    jax.config.update("jax_num_cpu_devices", os.cpu_count())
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        jax.config.update("jax_compilation_cache_dir", str(CACHE))
     try:
         values: dict[str, Any] = OmegaConf.to_container(settings, resolve=True)  # pyright: ignore
         resume, run_dir = values.pop("resume"), Path(values.pop("run_dir"))
@@ -55,6 +48,7 @@ def _run(settings: DictConfig) -> None:
             config = _resumed(run_dir, HydraConfig.get().overrides.task, values["total_steps"])
         from hitmdp_jax.training.loop import run
 
+        set_up_host(config.num_envs * config.seeds)
         run(config, run_dir, resume=resume is not None)
     except UsageError as error:
         exit_with(error)

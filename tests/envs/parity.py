@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hitmdp_jax import make_env
 from hitmdp_jax.envs.physics.mjx import MjxPhysics
+from tests.envs.trained_states import trained_states
 
 GYMNASIUM_NAMES = {
     "halfcheetah": "HalfCheetah",
@@ -151,14 +152,16 @@ def assert_steps_agree(
 ):
     """Ours gives Gymnasium's observation, reward, terms and termination at every step.
 
-    `share` of the states must agree; less than all where float32 makes a contact that float64
-    misses. The tolerance is relative to values beyond 1 and absolute below. Gymnasium gets the
-    solver and the friction cones of our model, which are its own for `physics="native"`.
+    The steps start from 100 states of random trajectories and 100 of a trained policy's. `share` of
+    the states must agree; less than all where float32 makes a contact that float64 misses. The
+    tolerance is relative to values beyond 1 and absolute below. Gymnasium gets the solver and the
+    friction cones of our model, which are its own for `physics="native"`.
     """
     oracle = gymnasium_env(name, version, **task_kwargs)
     env = make_env(name, physics=physics, version=version, **task_kwargs)
     oracle.model.opt.solver, oracle.model.opt.cone = env.model.opt.solver, env.model.opt.cone
-    qpos, qvel = random_states(oracle)
+    states = random_states(oracle), trained_states(name)
+    qpos, qvel = (np.concatenate(parts) for parts in zip(*states, strict=True))
     rng = np.random.default_rng(1)
     actions = random_actions(oracle, (num_steps, len(qpos)), rng)
     desired = gymnasium_steps(oracle, qpos, qvel, actions)

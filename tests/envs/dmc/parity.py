@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hitmdp_jax import make_env
 from tests.envs.parity import assert_near, our_steps
+from tests.envs.trained_states import trained_states
 
 # dm_control lists the fields of MuJoCo's structures, among them some that MuJoCo 4 no longer has,
 # and looks for each of them whenever it loads a model.
@@ -120,17 +121,19 @@ def assert_steps_agree(
 ):
     """Ours gives the oracle's observation and reward at every step.
 
+    The steps start from `states`, random trajectories' by default, and from a trained policy's.
     `share` of the states must agree; less than all where float32 makes a contact that float64
     misses. The tolerance is relative to values beyond 1 and absolute below.
     """
     theirs = oracle.load()
-    qpos, qvel = states or random_states(oracle)
+    visited = states or random_states(oracle), trained_states(name)
+    qpos, qvel = (np.concatenate(parts) for parts in zip(*visited, strict=True))
     actions = random_actions(theirs, (num_steps, len(qpos)), np.random.default_rng(1))
     first, obs, reward = oracle_steps(oracle, qpos, qvel, actions)
     env = make_env(name, physics=physics)
     actual = our_steps(env, qpos, qvel, actions)
 
-    assert len(qpos) >= NUM_STATES
+    assert len(qpos) >= 2 * NUM_STATES
     assert env.observation_size == obs.shape[-1]
     assert env.action_size == theirs.action_spec().shape[0]
     assert env.dt == theirs.control_timestep()
