@@ -17,6 +17,7 @@ from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.schedules import SCHEDULES, anneal
 from hitmdp_jax.learning.surrogate import clipped_surrogate
 from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEncoder
+from hitmdp_jax.networks.mlp import ACTIVATIONS
 
 INITIAL_OPTIONS = ("uniform", "first")
 
@@ -36,6 +37,7 @@ class MOPGNetwork(nn.Module):
     num_options: int
     embedding_size: int
     hidden_sizes: tuple[int, ...]
+    activation: str
     master_policy: str
     initial_log_std: jax.Array | float
     value_order: int = 1
@@ -45,11 +47,11 @@ class MOPGNetwork(nn.Module):
         self.embeddings = self.param(
             "embeddings", nn.initializers.normal(1.0), (self.num_options, self.embedding_size)
         )
-        self.encoder = OptionEncoder(self.master_policy, self.hidden_sizes)
+        self.encoder = OptionEncoder(self.master_policy, self.hidden_sizes, self.activation)
         self.decoder = ActionDecoder(
-            self.action_size, self.hidden_sizes, initial_log_std=self.initial_log_std
+            self.action_size, self.hidden_sizes, self.activation, self.initial_log_std
         )
-        self.critic = Critic(self.hidden_sizes)
+        self.critic = Critic(self.hidden_sizes, self.activation)
 
     def __call__(self, obs: jax.Array, option: jax.Array, similarity: jax.Array) -> Any:
         """Run every part once, which initialises it."""
@@ -111,6 +113,7 @@ class MOPG(struct.PyTreeNode):
     num_options: int = static(4)
     embedding_size: int = static(40)
     hidden_sizes: tuple[int, ...] = static((64, 64))
+    activation: str = static("relu", tuple(ACTIVATIONS))
     master_policy: str = static("similarity", MASTER_POLICIES)
     mutual_information: str = static("none", mi.CHOICES)
     entropy_schedule: str = static("constant", tuple(SCHEDULES))
@@ -134,6 +137,7 @@ class MOPG(struct.PyTreeNode):
             self.num_options,
             self.embedding_size,
             self.hidden_sizes,
+            self.activation,
             self.master_policy,
             self.initial_log_std,
             self.value_order,

@@ -28,10 +28,15 @@ class Result:
     parameters: int
 
 
-def final_returns(metrics: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return each seed's mean return [S] over episodes that ended in the last FINAL_STEPS."""
+def final_returns(metrics: Mapping[str, np.ndarray], since: int = 0) -> np.ndarray:
+    """Return each seed's mean return [S] over episodes that ended in the last FINAL_STEPS.
+
+    Args:
+      metrics: as `read_metrics` gives them.
+      since: environment steps before which no episode counts.
+    """
     steps = metrics["env_steps"][0]
-    last = steps > steps[-1] - FINAL_STEPS
+    last = steps > max(steps[-1] - FINAL_STEPS, since)
     returns, episodes = metrics["episode_return"][:, last], metrics["episodes"][:, last]
     return np.nansum(returns * episodes, axis=1) / episodes.sum(axis=1)
 
@@ -60,18 +65,21 @@ def interquartile_means(
     )
 
 
-def compare(run_dirs: Mapping[str, Path], parameters: Mapping[str, int]) -> list[Result]:
+def compare(
+    run_dirs: Mapping[str, Path], parameters: Mapping[str, int], since: int = 0
+) -> list[Result]:
     """Summarise finished runs, one for each algorithm.
 
     Args:
       run_dirs: algorithm -> its run's folder.
       parameters: algorithm -> number of parameters of one seed.
+      since: environment steps before which no episode counts: those of a transfer's first task.
 
     Raises:
       UsageError: rliable is not installed.
     """
     runs = {algo: read_metrics(folder) for algo, folder in run_dirs.items()}
-    finals = {algo: final_returns(metrics) for algo, metrics in runs.items()}
+    finals = {algo: final_returns(metrics, since) for algo, metrics in runs.items()}
     points, intervals = interquartile_means(finals)
     return [
         Result(
@@ -118,8 +126,16 @@ def save_table(results: Sequence[Result], folder: Path) -> None:
     (folder / "comparison.md").write_text("".join(f"| {line} |\n" for line in lines))
 
 
-def comparison_figure(run_dirs: Mapping[str, Path], title: str) -> Figure:
-    """Plot every algorithm's learning curve: mean and standard deviation of seeds (Figure 3)."""
+def comparison_figure(
+    run_dirs: Mapping[str, Path], title: str, switch_at: int | None = None
+) -> Figure:
+    """Plot every algorithm's learning curve: mean and standard deviation of seeds (Figures 3, 4).
+
+    Args:
+      run_dirs: algorithm -> its run's folder.
+      title: the figure's title.
+      switch_at: environment steps after which a transfer's second task began; it is marked.
+    """
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.subplots()
     for i, (algo, folder) in enumerate(run_dirs.items()):
@@ -132,5 +148,7 @@ def comparison_figure(run_dirs: Mapping[str, Path], title: str) -> Figure:
         axes.fill_between(steps[known], mean - std, mean + std, color=color, alpha=0.2, lw=0)
     axes.set(xlabel="environment steps", ylabel="episode return", title=title)
     axes.grid(alpha=0.3)
+    if switch_at is not None:
+        axes.axvline(switch_at, color="black", ls="--", lw=1)
     axes.legend()
     return figure

@@ -21,11 +21,13 @@ class OptionEncoder(nn.Module):
     Attributes:
       master_policy: "similarity" or "printed".
       sizes: widths of each FFN.
+      activation: "relu" or "tanh".
       head_gain: gain of the logits' layer; small makes the first policy nearly uniform.
     """
 
     master_policy: str = "similarity"
     sizes: tuple[int, ...] = (64, 64)
+    activation: str = "relu"
     head_gain: float = 0.01
 
     @nn.compact
@@ -50,7 +52,7 @@ class OptionEncoder(nn.Module):
         # gain 1 options last 2 steps after 1M steps of HalfCheetah, with 0.01 they last 15.
         query_gain = self.head_gain if by_similarity else 1.0
         query = nn.Dense(width, kernel_init=orthogonal(query_gain), name="query")(
-            MLP(self.sizes, name="query_body")(obs, previous_embedding)
+            MLP(self.sizes, self.activation, name="query_body")(obs, previous_embedding)
         )
         if by_similarity:
             query = query + previous_embedding
@@ -59,7 +61,7 @@ class OptionEncoder(nn.Module):
         attended = nn.MultiHeadDotProductAttention(num_heads=1, name="attention")(query, embeddings)
         clustered = nn.LayerNorm(name="norm")(query + attended)
         head = nn.Dense(num_options, kernel_init=orthogonal(self.head_gain), name="logits")
-        logits = head(MLP(self.sizes, name="logits_body")(clustered))
+        logits = head(MLP(self.sizes, self.activation, name="logits_body")(clustered))
         if by_similarity:
             logits = logits + similarity * query @ embeddings.T / jnp.sqrt(width)
         return logits

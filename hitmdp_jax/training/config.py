@@ -81,9 +81,19 @@ class RunConfig:
         return [self.env] if self.second_env is None else [self.env, self.second_env]
 
     @property
+    def task_title(self) -> str:
+        """What is trained on."""
+        return ", then ".join(task["name"] for task in self.tasks)
+
+    @property
     def title(self) -> str:
         """What is trained on what."""
-        return f"{self.algo['name']} on {', then '.join(task['name'] for task in self.tasks)}"
+        return f"{self.algo['name']} on {self.task_title}"
+
+    @property
+    def switch_at(self) -> int | None:
+        """Environment steps of each seed after which a transfer goes on to its second task."""
+        return None if self.second_env is None else self.iterations * self.steps_per_iteration
 
     @property
     def iterations_per_report(self) -> int:

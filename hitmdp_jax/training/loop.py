@@ -106,8 +106,7 @@ def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
         assert state is not None
         checkpoints.save(iteration, state)
         early = interrupted()
-    switch = config.iterations * config.steps_per_iteration if config.second_env else None
-    draw_figures(run_dir, config.title, switch)
+    draw_figures(run_dir, config.title, config.switch_at)
     reached = iteration * config.steps_per_iteration
     where = f"Stopped at {reached:,} env steps, saved" if early else "Saved"
     display.message(f"{where} in {run_dir}.")

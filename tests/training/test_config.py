@@ -1,8 +1,10 @@
 import dataclasses
 from pathlib import Path
 
+import hydra
 import pytest
 import yaml
+from omegaconf import OmegaConf
 
 from hitmdp_jax.agents import AGENTS
 from hitmdp_jax.envs import list_envs
@@ -49,6 +51,20 @@ def test_every_pair_names_two_tasks():
         settings = yaml.safe_load(path.read_text())
         assert settings["defaults"][0]["override /env"] in list_envs()
         assert settings["second_env"]["name"] in list_envs()
+
+
+@pytest.mark.parametrize("algo", sorted(AGENTS))
+def test_a_transfer_has_relu_bodies_and_switches_after_total_steps(algo):
+    with hydra.initialize_config_dir(str(CONFIGS), version_base="1.3"):
+        overrides = [f"algo={algo}", "experiment=transfer", "pair=fish", "total_steps=10_000"]
+        settings = OmegaConf.to_container(hydra.compose("config", overrides=overrides))
+    config = RunConfig.from_mapping(
+        {k: v for k, v in settings.items() if k not in ("resume", "run_dir")}
+    )
+    assert config.make_agent().activation == "relu"
+    assert config.task_title == "dmc/fish_upright, then dmc/fish_downleft"
+    assert 10_000 <= config.switch_at < 10_000 + 2048
+    assert RunConfig.from_mapping(SETTINGS).switch_at is None
 
 
 def test_settings_survive_saving(tmp_path):
