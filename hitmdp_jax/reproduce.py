@@ -1,9 +1,10 @@
-"""Reproduce the paper's comparisons: `python -m hitmdp_jax.reproduce TARGET [name=value ...]`.
+"""Reproduce the paper: `python -m hitmdp_jax.reproduce TARGET [name=value ...]`.
 
 Targets:
-  compare  trains every algorithm of `algos=` (`all`, or a list as `mopg,ppo`) on one task, one
-           after the other, and writes one table and one figure in the style of Figure 3.
-           The other settings are those of train.py: `compare env=halfcheetah algos=all seeds=4`.
+  compare  trains every algorithm of `algos=` (`all`, or a list as `mopg,ppo`) on one task, or on
+           a pair of them, one after the other, and writes one table and one figure in the style of
+           Figures 3 and 4. The other settings are those of train.py: `compare env=halfcheetah
+           algos=all seeds=4`, `compare experiment=transfer pair=cheetah algos=mopg,ppo`.
 """
 
 import subprocess
@@ -18,6 +19,7 @@ from rich.table import Table
 
 import hitmdp_jax
 from hitmdp_jax.agents import AGENTS
+from hitmdp_jax.analysis import theorems
 from hitmdp_jax.analysis.comparison import (
     Result,
     compare,
@@ -27,10 +29,9 @@ from hitmdp_jax.analysis.comparison import (
     table,
 )
 from hitmdp_jax.envs import make_env
-from hitmdp_jax.errors import UsageError, exit_with, unknown_name
+from hitmdp_jax.errors import UsageError, exit_with, out_of_domain, unknown_name
 from hitmdp_jax.training.config import RunConfig
 
-TARGETS = ("compare",)
 CHECKOUT = Path(hitmdp_jax.__file__).parents[1]
 
 
@@ -43,26 +44,37 @@ def main() -> None:
     try:
         if arguments[0] not in TARGETS:
             raise unknown_name("target", arguments[0], TARGETS)
-        run_comparison(arguments[1:])
+        TARGETS[arguments[0]](parse(arguments[1:]))
     except UsageError as error:
         exit_with(error)
 
 
-def run_comparison(overrides: list[str]) -> None:
+def parse(overrides: list[str]) -> dict[str, str]:
+    """Return the command line's settings.
+
+    Raises:
+      UsageError: an argument is not of the form name=value.
+    """
+    for text in overrides:
+        if "=" not in text:
+            raise UsageError(f"'{text}' is not of the form name=value, e.g. seed=1.")
+    return dict(text.split("=", 1) for text in overrides)
+
+
+def run_comparison(settings: dict[str, str]) -> None:
     """Train every algorithm in a process of its own and compare the runs.
 
     Raises:
       UsageError: an algorithm is unknown, an extra is missing, or a run failed.
     """
-    settings = dict(text.split("=", 1) for text in overrides if "=" in text)
     named = settings.pop("algos", "all")
     algos = sorted(AGENTS) if named == "all" else named.split(",")
     for algo in algos:
         if algo not in AGENTS:
             raise unknown_name("algo", algo, AGENTS)
     interquartile_means({"check": np.arange(4.0)})  # before hours of training, not after
-    task = settings.get("env", "halfcheetah")
-    default = f"runs/compare/{task}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
+    name = settings.get("pair", settings.get("env", "halfcheetah"))
+    default = f"runs/compare/{name}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
     folder = Path(settings.pop("run_dir", default))
     run_dirs = {algo: folder / algo for algo in algos}
     for algo, run_dir in run_dirs.items():
@@ -70,10 +82,44 @@ def run_comparison(overrides: list[str]) -> None:
             print(f"{algo}: taken from {run_dir}")
             continue
         train(algo, run_dir, settings)
-    results = compare(run_dirs, {algo: count_parameters(d) for algo, d in run_dirs.items()})
+    config = RunConfig.load(run_dirs[algos[0]])
+    parameters = {algo: count_parameters(d) for algo, d in run_dirs.items()}
+    results = compare(run_dirs, parameters, since=config.switch_at or 0)
     save_table(results, folder)
-    comparison_figure(run_dirs, task).savefig(folder / "comparison.png", dpi=150)
+    figure = comparison_figure(run_dirs, config.task_title, config.switch_at)
+    figure.savefig(folder / "comparison.png", dpi=150)
     show(results)
+    print(f"Saved in {folder}.")
+
+
+def draw_theorems(settings: dict[str, str]) -> None:
+    """Compute and draw Theorem 3.3 and Proposition 3.5.
+
+    Raises:
+      UsageError: a setting is unknown, the seed is no seed, or the folder cannot be made.
+    """
+    defaults = {"run_dir": f"runs/theory/{time.strftime('%Y-%m-%d_%H-%M-%S')}", "seed": "0"}
+    for name in settings:
+        if name not in defaults:
+            raise unknown_name("setting", name, defaults)
+    settings = defaults | settings
+    seed, folder = settings["seed"], Path(settings["run_dir"])
+    if not seed.isdecimal() or int(seed) >= 2**32:
+        raise out_of_domain("seed", seed, "a whole number from 0 to 4294967295")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"run_dir = {folder} cannot be made: {error.strerror}.") from None
+    with jax.enable_x64(True):
+        models = theorems.sample_models(jax.random.key(int(seed)))
+        figures = {
+            "contraction": theorems.contraction_figure(theorems.contraction(models)),
+            "variance": theorems.variance_figure(
+                theorems.variances(models), theorems.variances(models, (0.1,), at_start=True)
+            ),
+        }
+    for name, figure in figures.items():
+        figure.savefig(folder / f"{name}.png", dpi=150)
     print(f"Saved in {folder}.")
 
 
@@ -109,6 +155,9 @@ def show(results: list[Result]) -> None:
     for row in rows:
         printed.add_row(*row)
     Console().print(printed)
+
+
+TARGETS = {"compare": run_comparison, "theory": draw_theorems}
 
 
 if __name__ == "__main__":

@@ -40,6 +40,7 @@ from hitmdp_jax.theory.model import (
     initiable_master_policy,
     markovian_master_policy,
     mixture_master_policy,
+    sample_option_model,
 )
 from hitmdp_jax.theory.smdp import MultiTimeModel, SMDPValues, evaluate_smdp, multi_time_model
 from hitmdp_jax.theory.trajectories import (
@@ -57,6 +58,7 @@ from hitmdp_jax.theory.trajectories import (
 from hitmdp_jax.theory.values import (
     Values,
     bellman_operator,
+    distances_to_fixed_point,
     evaluate,
     evaluate_by_iteration,
     option_value_upon_arrival,
@@ -88,6 +90,7 @@ __all__ = [
     "check",
     "deep_value",
     "discounted_return",
+    "distances_to_fixed_point",
     "elbo_objective",
     "enumerate_trajectories",
     "evaluate",
@@ -120,6 +123,7 @@ __all__ = [
     "previous_option_belief",
     "remembered",
     "return_second_moment",
+    "sample_option_model",
     "smdp_probability",
     "variance_decomposition",
     "visits",

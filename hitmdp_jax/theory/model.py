@@ -80,6 +80,45 @@ def check(model: OptionModel, tolerance: float = 1e-6) -> OptionModel:
     return model
 
 
+def sample_option_model(
+    key: jax.Array,
+    num_states: int,
+    num_options: int,
+    num_actions: int,
+    gamma: jax.Array | float,
+    concentration: float = 1.0,
+) -> OptionModel:
+    """Draw an option framework whose episodes never end (sec. 2).
+
+    Args:
+      key: PRNG key.
+      num_states: S.
+      num_options: K.
+      num_actions: A.
+      gamma: discount factor, below 1.
+      concentration: of the symmetric Dirichlet that every distribution is drawn from; at 1 they are
+        uniform over the simplex, below it most of the mass falls on a few outcomes.
+
+    Returns:
+      A model with standard normal rewards and termination probabilities uniform in [0, 1].
+    """
+    keys = jax.random.split(key, 5)
+    dtype = jnp.result_type(float)
+
+    def distributions(key: jax.Array, *shape: int) -> jax.Array:
+        alpha = jnp.full(shape[-1], concentration, dtype)
+        return jax.random.dirichlet(key, alpha, shape[:-1], dtype)
+
+    return OptionModel(
+        transition=distributions(keys[0], num_states, num_actions, num_states),
+        reward=jax.random.normal(keys[1], (num_states, num_actions), dtype),
+        master=distributions(keys[2], num_states, num_options),
+        termination=jax.random.uniform(keys[3], (num_options, num_states), dtype),
+        action=distributions(keys[4], num_options, num_states, num_actions),
+        gamma=gamma,
+    )
+
+
 def initiable_master_policy(model: OptionModel) -> jax.Array:
     """Return P(o | s) [S, K] over the options that may start in s: the master, renormalised.
 

@@ -58,6 +58,24 @@ def evaluate_by_iteration(
     )
 
 
+def distances_to_fixed_point(model: OptionModel | HiTMDP, num_iterations: int) -> jax.Array:
+    r"""Return how far iteration from Q = 0 is from Q_A, [num_iterations + 1] (Theorem 3.3).
+
+    .. math::
+      d_n = \|(T^H)^n 0 - Q_A\|_\infty \le \gamma^n d_0
+
+    Q_A is the linear solve's, so that in floating point d_n ends at its rounding error.
+    """
+    hit = hit_mdp(model)
+    fixed_point = hidden_values(hit).q_action
+
+    def step(q_action: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
+        distance = jnp.abs(q_action - fixed_point).max()
+        return hidden_temporal_operator(hit, q_action), distance
+
+    return jax.lax.scan(step, jnp.zeros_like(fixed_point), length=num_iterations + 1)[1]
+
+
 def option_value_upon_arrival(model: OptionModel) -> jax.Array:
     r"""Return U[s, o], the value of arriving in s while executing o, [S, K] (Eq. 36).
 

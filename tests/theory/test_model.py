@@ -13,6 +13,7 @@ from hitmdp_jax.theory import (
     initiable_master_policy,
     markovian_master_policy,
     mixture_master_policy,
+    sample_option_model,
 )
 
 from .strategies import few, option_models, random_option_model
@@ -71,6 +72,12 @@ def test_initiation_sets_of_all_states_change_nothing():
 def test_check_accepts_a_valid_model():
     model = random_option_model()
     assert check(model) is model
+
+
+@pytest.mark.parametrize("concentration", [0.1, 1.0])
+def test_sampled_models_are_valid(key, concentration):
+    model = check(sample_option_model(key, 5, 3, 2, 0.9, concentration))
+    assert {x.dtype for x in jax.tree.leaves(model)[:-1]} == {jnp.dtype("float64")}
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from hypothesis import given
 from hitmdp_jax.theory import (
     HiTMDP,
     bellman_operator,
+    distances_to_fixed_point,
     evaluate,
     evaluate_by_iteration,
     hidden_temporal_operator,
@@ -34,6 +35,7 @@ solve = jax.jit(evaluate)
 solve_hidden = jax.jit(hidden_values)
 operate = jax.jit(hidden_temporal_operator)
 iterate = jax.jit(evaluate_by_iteration)
+measure = jax.jit(distances_to_fixed_point, static_argnums=1)
 
 
 def sup_norm(x):
@@ -104,6 +106,16 @@ def test_theorem_3_3_iteration_converges_to_the_linear_solve(hit):
     for n in (1, 10, 100):
         after = sup_norm(iterate(hit, n, q) - fixed_point)
         assert after <= float(hit.gamma) ** n * error + 1e-9
+
+
+@few
+@given(hit_mdps(interior=False))
+def test_theorem_3_3_distances_stay_below_gamma_to_the_n(hit):
+    distances = np.asarray(measure(hit, 20))
+    bound = distances[0] * float(hit.gamma) ** np.arange(21)
+    assert np.all(distances <= bound + 1e-9)
+    after = sup_norm(iterate(hit, 5) - solve_hidden(hit).q_action)
+    assert distances[5] == pytest.approx(after, abs=1e-12)
 
 
 def test_iteration_finds_the_policys_value_not_the_optimal_one():
