@@ -13,7 +13,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+import hydra
 import jax
+from omegaconf import OmegaConf
 
 from hitmdp_jax.agents import Agent
 from hitmdp_jax.envs.physics.speed import native_speed
@@ -21,7 +23,7 @@ from hitmdp_jax.envs.wrappers import VectorEnv
 from hitmdp_jax.learning.rollout import collect
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.loop import make_task, seed_keys
-from hitmdp_jax.training.program import make_train
+from hitmdp_jax.training.program import make_train, repeat
 from hitmdp_jax.training.sweep import devices_for, place, sweep
 
 ROWS = (  # algo, physics, seeds
@@ -31,23 +33,23 @@ ROWS = (  # algo, physics, seeds
     ("ppo", "native", 1),
     ("ppo", "native", 10),
     ("mopg", "mjx", 1),
+    ("dac", "native", 1),
+    ("ahp", "native", 1),
+    ("ppoc", "native", 1),
+    ("iopg", "native", 1),
+    ("oc", "native", 1),
 )
+CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 
 
 def settings(algo: str, physics: str, seeds: int) -> RunConfig:
     """Return the default settings of a HalfCheetah run."""
+    overrides = ["env=halfcheetah", f"algo={algo}", f"physics={physics}", f"seeds={seeds}"]
+    with hydra.initialize_config_dir(str(CONFIGS), version_base="1.3"):
+        composed = OmegaConf.to_container(hydra.compose("config", overrides=overrides))
+    assert isinstance(composed, dict)
     return RunConfig.from_mapping(
-        {
-            "env": {"name": "halfcheetah"},
-            "algo": {"name": algo},
-            "physics": physics,
-            "seeds": seeds,
-            "seed": 0,
-            "total_steps": 1e6,
-            "num_envs": 16,
-            "rollout_length": 128,
-            "checkpoint_steps": 1e6,
-        }
+        {str(name): x for name, x in composed.items() if name not in ("resume", "run_dir")}
     )
 
 
@@ -57,8 +59,14 @@ def measure(algo: str, physics: str, seeds: int, seconds: float) -> dict[str, fl
     devices = devices_for(seeds)
     env = make_task(config, config.env, len(devices))
     agent = config.make_agent()
-    program = make_train(agent, env, num_steps=config.total_steps)
-    init, step = sweep(*program, devices)
+    init, step = make_train(
+        agent,
+        env,
+        num_steps=config.total_steps,
+        num_envs=config.num_envs,
+        rollout_length=config.rollout_length,
+    )
+    init, step = sweep(init, repeat(step, config.iterations_per_report), devices)
 
     start = time.perf_counter()
     state = init(place(seed_keys(config), devices))
@@ -75,7 +83,7 @@ def measure(algo: str, physics: str, seeds: int, seconds: float) -> dict[str, fl
 
     iteration = per_call(step, state)
     rollout = per_call(sweep(*rollout_program(agent, env, config), devices)[1], state)
-    steps = config.steps_per_iteration * seeds
+    steps = config.steps_per_iteration * seeds * config.iterations_per_report
     bare = native_speed(env.model, env.physics.frame_skip)  # pyright: ignore
     return {
         "steps_per_second": steps / iteration,
@@ -86,20 +94,17 @@ def measure(algo: str, physics: str, seeds: int, seconds: float) -> dict[str, fl
 
 
 def rollout_program(agent: Agent, env: Any, config: RunConfig) -> tuple[Any, Any]:
-    """Return a program whose step is the rollout alone."""
+    """Return a program whose step is the rollouts of a report alone."""
     vector_env = VectorEnv(env, config.num_envs, config.steps_per_iteration // 4)
 
     def step(state):
-        rollout, batch, _, _ = collect(
-            agent,
-            state.learner.params,
-            state.normalizer,
-            vector_env,
-            state.rollout,
-            state.key,
-            config.rollout_length,
-        )
-        return rollout, batch
+        def once(rollout, key):
+            params, length = state.learner.params, config.rollout_length
+            out = collect(agent, params, state.normalizer, vector_env, rollout, key, length)
+            return out[0], out[1]
+
+        keys = jax.random.split(state.key, config.iterations_per_report)
+        return jax.lax.scan(once, state.rollout, keys)
 
     return lambda key: key, step
 
@@ -123,6 +128,7 @@ def main() -> None:
     """Print the table, or one row of it as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=10.0, help="time spent on each figure")
+    parser.add_argument("--algos", nargs="+", help="only these")
     parser.add_argument("--row", help="measure one row in this process: algo, physics, seeds")
     options = parser.parse_args()
     if options.row:
@@ -135,7 +141,7 @@ def main() -> None:
         "algo  physics seeds  env steps/s  first iteration cold / warm (s)  rollout  bare physics"
     )
     with tempfile.TemporaryDirectory() as cache:
-        for row in ROWS:
+        for row in [r for r in ROWS if options.algos is None or r[0] in options.algos]:
             cold = in_own_process(row, 0.1, str(Path(cache)))
             warm = in_own_process(row, options.seconds, str(Path(cache)))
             share = warm["physics_share"]
