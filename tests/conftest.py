@@ -1,8 +1,12 @@
+import os
+
 import jax
 import pytest
 
-# Two devices, as `train.py` presents two cores, so that sharding is tested on any machine.
+# Two devices, as `train.py` presents two cores, so that sharding is tested on any machine; and
+# threads enough for the large batches of MJX that are tested, as `set_up_host` explains.
 jax.config.update("jax_num_cpu_devices", 2)
+os.environ.setdefault("NPROC", "8")
 
 
 @pytest.fixture(scope="session", autouse=True)
