@@ -22,6 +22,7 @@ from hitmdp_jax.envs.physics.speed import native_speed
 from hitmdp_jax.envs.wrappers import VectorEnv
 from hitmdp_jax.learning.rollout import collect
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.loop import make_task, seed_keys
 from hitmdp_jax.training.program import make_train, repeat
 from hitmdp_jax.training.sweep import devices_for, place, sweep
@@ -132,7 +133,7 @@ def main() -> None:
     parser.add_argument("--row", help="measure one row in this process: algo, physics, seeds")
     options = parser.parse_args()
     if options.row:
-        jax.config.update("jax_num_cpu_devices", os.cpu_count())
+        set_up_host()
         algo, physics, seeds = json.loads(options.row)
         print(json.dumps(measure(algo, physics, seeds, options.seconds)))
         return
