@@ -133,8 +133,8 @@ def main() -> None:
     parser.add_argument("--row", help="measure one row in this process: algo, physics, seeds")
     options = parser.parse_args()
     if options.row:
-        set_up_host()
         algo, physics, seeds = json.loads(options.row)
+        set_up_host(physics, num_envs=16, seeds=seeds)
         print(json.dumps(measure(algo, physics, seeds, options.seconds)))
         return
     print(f"import hitmdp_jax: {import_seconds():.1f} s")

@@ -30,7 +30,7 @@ def main() -> None:
         seeds = range(config.seed, config.seed + config.seeds)
         chosen = seeds if options.seed is None else [options.seed]
         engine = options.engine or config.physics
-        set_up_host()
+        set_up_host(engine, options.episodes)
         table = Table("seed", "return", "std", "min", "max", "std error", "length", title=engine)
         for seed in chosen:
             policy = load(options.run_dir, seed)

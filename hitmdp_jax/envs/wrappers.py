@@ -5,6 +5,9 @@ import jax.numpy as jnp
 from brax.envs.base import Env, State
 from flax import struct
 
+# Initial states computed together. Hundreds at once can block XLA's threads: see `set_up_host`.
+RESET_CHUNK = 32
+
 
 class VectorState(struct.PyTreeNode):
     """State of B environments and the pool of P fresh initial states they restart from."""
@@ -115,4 +118,5 @@ class VectorEnv:
         return state, step
 
     def _fresh(self, key: jax.Array) -> State:
-        return jax.vmap(self.env.reset)(jax.random.split(key, self.pool_size))
+        keys = jax.random.split(key, self.pool_size)
+        return jax.lax.map(self.env.reset, keys, batch_size=min(RESET_CHUNK, self.pool_size))

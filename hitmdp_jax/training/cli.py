@@ -48,7 +48,7 @@ def _run(settings: DictConfig) -> None:
             config = _resumed(run_dir, HydraConfig.get().overrides.task, values["total_steps"])
         from hitmdp_jax.training.loop import run
 
-        set_up_host()
+        set_up_host(config.physics, config.num_envs, config.seeds)
         run(config, run_dir, resume=resume is not None)
     except UsageError as error:
         exit_with(error)

@@ -1,26 +1,38 @@
 """How a command line sets JAX up on its machine, before the first computation."""
 
+import math
 import os
 from pathlib import Path
 
 import jax
 
+from hitmdp_jax.envs.wrappers import RESET_CHUNK
+
 CACHE = Path.home() / ".cache" / "hitmdp_jax"
 THREADS_PER_CORE = 4
+# Rows that one device may step at once without blocking a thread: Cholesky factorisations that XLA
+# does not divide among threads; states of a humanoid in the 100 KiB that it copies at once.
+SAFE_ROWS = {"mjx": 64, "warp": 64, "native": 256}
 
 
-def set_up_host() -> None:
+def set_up_host(physics: str, num_envs: int, seeds: int = 1) -> None:
     """Present the cores as devices, keep what is compiled, and make sure that nothing hangs.
 
     In jaxlib 0.10 two things block a thread of XLA's pool until other threads have done their work:
-    a batch of more than about 64 Cholesky factorisations, of which MJX's solver consists, and a
-    callback to the host, `physics=native`, whose arguments are large enough to be copied aside.
-    There are as many threads as cores, so as many of these at once wait for one another for ever.
-    `NPROC` is how many cores XLA believes in. With more threads MJX is a tenth slower in small
-    batches; a run that stops in the night costs more.
+    a large batch of Cholesky factorisations, of which MJX's solver consists, and a callback to the
+    host, `physics=native`, with large arguments. There are as many threads as cores, so as many of
+    these at once wait for one another for ever. `NPROC` is how many cores XLA believes in. More
+    threads cost a fifth to a third of the speed, so only runs that need them get them.
+
+    Args:
+      physics: the engine.
+      num_envs: environments of each seed, stepped side by side.
+      seeds: seeds, spread over the cores.
     """
     cores = os.cpu_count() or 1
     jax.config.update("jax_num_cpu_devices", cores)
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         jax.config.update("jax_compilation_cache_dir", str(CACHE))
-    os.environ.setdefault("NPROC", str(THREADS_PER_CORE * cores))
+    devices = max(n for n in range(1, cores + 1) if seeds % n == 0)
+    if max(num_envs, RESET_CHUNK) * seeds // devices > SAFE_ROWS.get(physics, math.inf):
+        os.environ.setdefault("NPROC", str(THREADS_PER_CORE * cores))

@@ -11,7 +11,7 @@ FACTORISATIONS = """
 import jax, jax.numpy as jnp
 from hitmdp_jax.training.host import set_up_host
 
-set_up_host()
+set_up_host("mjx", 4096)
 
 def step(x, _):
     factors = [jnp.linalg.cholesky(i * x + 9 * jnp.eye(9)) for i in range(1, 3)]
