@@ -32,10 +32,10 @@ from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.envs.physics import PhysicsChoice
 from hitmdp_jax.envs.physics.mjx import MjxPhysics
 from hitmdp_jax.envs.wrappers import VectorEnv, VectorState
+from hitmdp_jax.training.host import set_up_host
 
 ENGINES = ("raw", "native", "native+resets", "envpool", "mjx", "mjx-full", "brax")
 SCAN_LENGTH = 32
-LARGEST_SAFE_BATCH = 256  # of MJX on a CPU, but for the humanoids
 BRAX_NAMES = {
     "halfcheetah": "halfcheetah",
     "swimmer": "swimmer",
@@ -173,8 +173,8 @@ def prepare(name: str, engine: str, num_envs: int) -> Callable[[], Any]:
 
 def serve(name: str, engine: str, num_envs: int) -> None:
     """Answer every number of seconds on standard input with environment steps a second."""
-    if num_envs > LARGEST_SAFE_BATCH or "humanoid" in name:
-        os.environ.setdefault("NPROC", str(4 * (os.cpu_count() or 1)))  # see `set_up_host`
+    by_mjx = engine in ("mjx", "mjx-full", "brax")
+    set_up_host("mjx" if by_mjx else engine.removesuffix("+resets"), num_envs)
     call = prepare(name, engine, num_envs)
     call()
     for line in sys.stdin:

@@ -23,8 +23,7 @@ from hitmdp_jax.envs.wrappers import VectorEnv
 from hitmdp_jax.learning.rollout import collect
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.host import set_up_host
-from hitmdp_jax.training.loop import make_task, seed_keys
-from hitmdp_jax.training.program import make_train, repeat
+from hitmdp_jax.training.loop import make_task, programs, seed_keys
 from hitmdp_jax.training.sweep import devices_for, place, sweep
 
 ROWS = (  # algo, physics, seeds
@@ -60,14 +59,7 @@ def measure(algo: str, physics: str, seeds: int, seconds: float) -> dict[str, fl
     devices = devices_for(seeds)
     env = make_task(config, config.env, len(devices))
     agent = config.make_agent()
-    init, step = make_train(
-        agent,
-        env,
-        num_steps=config.total_steps,
-        num_envs=config.num_envs,
-        rollout_length=config.rollout_length,
-    )
-    init, step = sweep(init, repeat(step, config.iterations_per_report), devices)
+    init, step = programs(config, agent, env, devices)
 
     start = time.perf_counter()
     state = init(place(seed_keys(config), devices))

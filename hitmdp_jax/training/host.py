@@ -7,6 +7,7 @@ from pathlib import Path
 import jax
 
 from hitmdp_jax.envs.wrappers import RESET_CHUNK
+from hitmdp_jax.training.sweep import num_shards
 
 CACHE = Path.home() / ".cache" / "hitmdp_jax"
 THREADS_PER_CORE = 4
@@ -33,6 +34,6 @@ def set_up_host(physics: str, num_envs: int, seeds: int = 1) -> None:
     jax.config.update("jax_num_cpu_devices", cores)
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         jax.config.update("jax_compilation_cache_dir", str(CACHE))
-    devices = max(n for n in range(1, cores + 1) if seeds % n == 0)
-    if max(num_envs, RESET_CHUNK) * seeds // devices > SAFE_ROWS.get(physics, math.inf):
+    seeds_together = seeds // num_shards(seeds, cores)
+    if max(num_envs, RESET_CHUNK) * seeds_together > SAFE_ROWS.get(physics, math.inf):
         os.environ.setdefault("NPROC", str(THREADS_PER_CORE * cores))

@@ -16,8 +16,12 @@ Device: TypeAlias = Any  # a jax.Device, which type checkers do not see as a cla
 def devices_for(num_seeds: int) -> list[Device]:
     """Return the devices a sweep runs on: as many as divide its seeds evenly."""
     devices = jax.local_devices()
-    count = max(n for n in range(1, len(devices) + 1) if num_seeds % n == 0)
-    return devices[:count]
+    return devices[: num_shards(num_seeds, len(devices))]
+
+
+def num_shards(num_seeds: int, num_devices: int) -> int:
+    """Return how many of the devices divide the seeds evenly, at most."""
+    return max(n for n in range(1, num_devices + 1) if num_seeds % n == 0)
 
 
 def sweep(init: Init, step: Iterate, devices: list[Device]) -> tuple[Init, Iterate]:
