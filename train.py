@@ -3,9 +3,7 @@
 Every setting is in configs/; `python train.py --help` lists them.
 """
 
-from pathlib import Path
-
-from hitmdp_jax.training.cli import main
+from hitmdp_jax.commands.train import main
 
 if __name__ == "__main__":
-    main(Path(__file__).parent / "configs")
+    main()

@@ -1,87 +1,267 @@
 """Saving and restoring training states with Orbax."""
 
+import dataclasses
+import math
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 import orbax.checkpoint as ocp
+from brax.training.acme.running_statistics import NestedMeanStd
+from orbax.checkpoint import checkpoint_managers as managers
 
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.program import TrainState
 
-STATE, POLICY = "state", "policy"  # the two items of a checkpoint
+SCHEMA = 1  # of a checkpoint; raised where an older package would misread it
+STATE, POLICY, PROGRESS = "state", "policy", "progress"  # the items of a checkpoint
+KEPT = 3  # the newest checkpoints; the best one is kept beside them
+INTERVAL = 120.0  # seconds after which a run saves, however few steps it made
+
+
+@dataclasses.dataclass
+class Progress:
+    """How far a run has come: what a checkpoint holds and a loop moves on."""
+
+    iteration: int  # iterations done, over all tasks
+    task: int  # the place of the task that the state belongs to, from 0
+    state: TrainState | None  # [S, ...]; None before the first iteration
 
 
 class Checkpoints:
-    """The checkpoints of one run, numbered by iteration; the newest few are kept.
+    """The checkpoints of one run, numbered by iteration: the newest three and the best.
 
-    A checkpoint holds the whole training state, for exact resuming, and beside it what acting
-    needs (parameters and normaliser), which stays readable when a task's internals change. Saving
-    copies first and writes in the background; training goes on meanwhile.
+    A checkpoint holds the whole training state, for exact resuming; beside it what acting needs
+    (parameters and normaliser), which stays readable when a task's internals change; and a few
+    words of JSON. All of it is arrays and text: reading a stranger's checkpoint runs no code.
+    Saving copies first and writes in the background, under a name that no reader takes for a
+    checkpoint until it is whole.
 
     Args:
       run_dir: the run's folder; checkpoints lie in its `checkpoints/`.
-      keep: how many to keep.
+      read_only: leave the folder as it is.
     """
 
-    def __init__(self, run_dir: Path, keep: int = 2):
-        options = ocp.CheckpointManagerOptions(max_to_keep=keep)
-        self._folder = (run_dir / "checkpoints").absolute()
-        self._manager = ocp.CheckpointManager(
-            self._folder, options=options, item_names=(STATE, POLICY)
+    def __init__(self, run_dir: Path, read_only: bool = False):
+        self.folder = (run_dir / "checkpoints").absolute()
+        best = managers.BestN(get_metric_fn=_score, n=1, keep_checkpoints_without_metrics=False)
+        options = ocp.CheckpointManagerOptions(
+            preservation_policy=managers.AnyPreservationPolicy([managers.LatestN(KEPT), best]),
+            read_only=read_only,
+            create=not read_only,
         )
+        if read_only and not self.folder.is_dir():
+            raise UsageError(f"'{self.folder}' holds no checkpoint.")
+        self._manager = ocp.CheckpointManager(
+            self.folder, options=options, item_names=(STATE, POLICY, PROGRESS)
+        )
+        self._last_save = time.monotonic()
+        self.failure: str | None = None  # why the newest state is not saved
 
-    def save(self, iteration: int, state: TrainState) -> None:
-        """Save the state reached after `iteration` iterations, unless that is done already."""
-        if self._manager.latest_step() == iteration:
-            return
-        items = {
-            STATE: ocp.args.StandardSave(_with_raw_keys(state)),  # pyright: ignore[reportCallIssue]
-            POLICY: ocp.args.StandardSave(policy_of(state)),  # pyright: ignore[reportCallIssue]
-        }
-        self._manager.save(iteration, args=ocp.args.Composite(**items))
+    def due(self) -> bool:
+        """Return whether so much time has passed that the run should save."""
+        return time.monotonic() - self._last_save > INTERVAL
 
-    def restore(self, like: TrainState) -> tuple[int, TrainState]:
-        """Return the newest checkpoint's iteration and state, on the first device.
+    def save(self, progress: Progress, recent_return: float = math.nan) -> None:
+        """Save a state, unless that is done already or something in it is not finite.
+
+        A disk that is full is told once and ends nothing: the checkpoints before stay as they are.
 
         Args:
-          like: a state of the same shapes, concrete or abstract.
+          progress: where the run stands.
+          recent_return: what the best checkpoint is best in.
+        """
+        state, iteration = progress.state, progress.iteration
+        assert state is not None
+        policy = policy_of(state)
+        if iteration in self._manager.all_steps() or not _finite(policy):
+            return
+        words = {
+            "schema": SCHEMA,
+            "task": progress.task,
+            "iteration": iteration,
+            "recent_return": None if math.isnan(recent_return) else recent_return,
+        }
+        items = ocp.args.Composite(
+            **{
+                STATE: ocp.args.StandardSave(_with_raw_keys(state)),  # pyright: ignore
+                POLICY: ocp.args.StandardSave(policy),  # pyright: ignore
+                PROGRESS: ocp.args.JsonSave(words),  # pyright: ignore
+            }
+        )
+        self._last_save = time.monotonic()
+        self._attempt(
+            lambda: self._manager.save(
+                iteration, args=items, metrics={"recent_return": words["recent_return"]}
+            )
+        )
+
+    def restore(self, like: Callable[[int], TrainState]) -> Progress:
+        """Return the newest checkpoint that can be read, on the first device.
+
+        One that cannot be read is told, and removed so that it can be written again.
+
+        Args:
+          like: maps the number of a task to a state of the same shapes, abstract.
 
         Raises:
-          UsageError: there is no checkpoint.
+          UsageError: there is no checkpoint, or none fits the run.
         """
-        iteration = self.latest()
-        raw = self._read(iteration, STATE, jax.eval_shape(_with_raw_keys, like))
-        return iteration, raw.replace(key=jax.random.wrap_key_data(raw.key))
 
-    def restore_policy(self, like: TrainState) -> Any:
-        """Return the newest checkpoint's `policy_of(state)`; Args and Raises as `restore`."""
-        return self._read(self.latest(), POLICY, jax.eval_shape(policy_of, like))
+        def read(iteration: int) -> Progress:
+            words = self._words(iteration)
+            raw = self._read(iteration, STATE, jax.eval_shape(_with_raw_keys, like(words["task"])))
+            state = raw.replace(key=jax.random.wrap_key_data(raw.key))
+            return Progress(iteration, words["task"], state)
+
+        progress = self._newest(read)
+        for iteration in self._manager.all_steps():
+            if iteration > progress.iteration:
+                self._manager.delete(iteration)
+        return progress
+
+    def restore_policy(self, which: int | str = "newest") -> dict[str, Any]:
+        """Return a checkpoint's `policy_of(state)`, parameters and normaliser [S, ...].
+
+        Args:
+          which: "newest", "best", or the iteration of one.
+
+        Raises:
+          UsageError: there is no such checkpoint.
+        """
+
+        def read(iteration: int) -> dict[str, Any]:
+            self._words(iteration)
+            return self._read(iteration, POLICY, self._claimed(iteration, POLICY))
+
+        if which == "newest":
+            return self._newest(read)
+        steps = self._manager.all_steps()
+        iteration = self._manager.best_step() if which == "best" else which
+        if which == "best" and iteration is None:
+            iteration = max(steps, default=None)
+        if iteration not in steps:
+            raise UsageError(
+                f"'{self.folder}' holds no checkpoint {which}; it holds "
+                f"{', '.join(map(str, steps)) or 'none'}, and 'newest' and 'best' name one of them."
+            )
+        return read(int(iteration))
 
     def close(self) -> None:
         """Wait until everything is written."""
-        self._manager.wait_until_finished()
-        self._manager.close()
+        self._attempt(self._manager.wait_until_finished)
+        self._attempt(self._manager.close)
 
-    def latest(self) -> int:
-        """Return the newest checkpoint's iteration; raise UsageError if there is none."""
-        iteration = self._manager.latest_step()
-        if iteration is None:
-            raise UsageError(f"'{self._folder}' holds no checkpoint.")
-        return iteration
+    def _newest(self, read: Callable[[int], Any]) -> Any:
+        steps = sorted(self._manager.all_steps(), reverse=True)
+        for iteration in steps:
+            try:
+                return read(iteration)
+            except UsageError:
+                raise
+            except Exception as error:  # whatever a torn file makes its reader say
+                print(
+                    f"warning: the checkpoint of iteration {iteration} in '{self.folder}' cannot "
+                    f"be read ({type(error).__name__}); taking the one before.",
+                    file=sys.stderr,
+                )
+        if steps:
+            raise UsageError(f"No checkpoint in '{self.folder}' can be read.")
+        raise UsageError(f"'{self.folder}' holds no checkpoint.")
+
+    def _words(self, iteration: int) -> dict[str, Any]:
+        arguments = {PROGRESS: ocp.args.JsonRestore()}  # pyright: ignore[reportCallIssue]
+        words = self._manager.restore(iteration, args=ocp.args.Composite(**arguments))[PROGRESS]
+        if words["schema"] > SCHEMA:
+            raise UsageError(
+                f"'{self.folder}' was written by a newer hitmdp_jax (schema {words['schema']}; "
+                f"this one reads up to {SCHEMA}): upgrade to read it."
+            )
+        return words
 
     def _read(self, iteration: int, item: str, like: Any) -> Any:
         # Whatever devices wrote the checkpoint, it is read onto the first one of this machine.
         here = jax.sharding.SingleDeviceSharding(jax.local_devices()[0])
         target = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=here), like)
+        self._check_fit(self._claimed(iteration, item), target)
         arguments = {item: ocp.args.StandardRestore(target)}  # pyright: ignore[reportCallIssue]
         return self._manager.restore(iteration, args=ocp.args.Composite(**arguments))[item]
 
+    def _claimed(self, iteration: int, item: str) -> Any:
+        """Return the names, shapes and types that a checkpoint's item says it holds."""
+        found = self._manager.item_metadata(iteration)[item]
+        return getattr(found, "tree", found)
 
-def policy_of(state: TrainState) -> tuple[Any, Any]:
-    """Return what acting needs of a state: parameters and normaliser."""
-    return state.learner.params, state.normalizer
+    def _check_fit(self, found: Any, wanted: Any) -> None:
+        """Raise UsageError where names or shapes are not those of the run's settings."""
+        there, here = _by_path(found), _by_path(wanted)
+        for path in sorted({*there, *here}):
+            if there.get(path) != here.get(path):
+                raise UsageError(
+                    f"The checkpoint in '{self.folder}' does not fit its config.yaml: {path} is "
+                    f"{_shown(there.get(path))} in it, and {_shown(here.get(path))} by the settings."
+                )
+
+    def _attempt(self, action: Callable[[], Any]) -> None:
+        try:
+            action()
+            self.failure = None
+        except Exception as error:  # Orbax and TensorStore raise many kinds where a disk is full
+            reason = str(error).strip().splitlines() or [type(error).__name__]
+            if self.failure is None:
+                print(f"warning: a checkpoint could not be written: {reason[0]}", file=sys.stderr)
+            self.failure = reason[0]
+
+
+def saved_iterations(run_dir: Path) -> list[int]:
+    """Return the iterations whose checkpoints a run's folder holds, without reading them."""
+    folder = run_dir / "checkpoints"
+    names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    return sorted(int(name) for name in names if name.isdecimal())
+
+
+def policy_of(state: TrainState) -> dict[str, Any]:
+    """Return what acting needs of a state: parameters and the normaliser's mean and std."""
+    normalizer = state.normalizer
+    return {"params": state.learner.params, "mean": normalizer.mean, "std": normalizer.std}
+
+
+def normalizer_of(policy: dict[str, Any]) -> NestedMeanStd:
+    """Return the normaliser of a saved policy."""
+    return NestedMeanStd(mean=policy["mean"], std=policy["std"])
 
 
 def _with_raw_keys(state: TrainState) -> TrainState:
     return state.replace(key=jax.random.key_data(state.key))
+
+
+def _finite(tree: Any) -> bool:
+    return all(bool(jnp.isfinite(x).all()) for x in jax.tree.leaves(tree))
+
+
+def _score(metrics: Any) -> float:
+    score = metrics.get("recent_return")
+    return -math.inf if score is None else float(score)
+
+
+def _by_path(tree: Any) -> dict[str, tuple[int, ...]]:
+    leaves = jax.tree.leaves_with_path(tree, is_leaf=lambda x: hasattr(x, "shape"))
+    names = ("/".join(_key(k) for k in path) for path, _ in leaves)
+    return {name: tuple(np.shape(x) if not hasattr(x, "shape") else x.shape) for name, (_, x) in
+            zip(names, leaves, strict=True)}
+
+
+def _key(entry: Any) -> str:
+    for attribute in ("key", "name", "idx"):
+        if hasattr(entry, attribute):
+            return str(getattr(entry, attribute))
+    return str(entry)
+
+
+def _shown(shape: tuple[int, ...] | None) -> str:
+    return "missing" if shape is None else f"an array {list(shape)}"

@@ -1,36 +1,57 @@
 """A run's settings: validated once, then frozen."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from hitmdp_jax.agents import AGENTS, Agent
-from hitmdp_jax.agents.base import check_hyperparameters
+from hitmdp_jax import plugins
+from hitmdp_jax.agents import Agent, find_agent
 from hitmdp_jax.envs import check_env
-from hitmdp_jax.envs.physics import ENGINES
+from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.program import check_sizes, num_iterations
 
+SCHEMA = 1  # of config.yaml; raised where an older package would misread it
 REPORT_STEPS = 2048
-POSITIVE = ("seeds", "total_steps", "num_envs", "rollout_length", "checkpoint_steps")
+MOST = 10**12  # more than any whole number that is asked for here
+WHOLE = {  # name -> the least value
+    "seeds": 1,
+    "total_steps": 1,
+    "num_envs": 1,
+    "rollout_length": 1,
+    "checkpoint_steps": 1,
+    "eval_every": 0,
+    "eval_episodes": 1,
+    "seed": 0,
+}
+WANDB = ("off", "program", "seed")
+BESIDE_THE_POINT = ("checkpoint_steps", "eval_every", "eval_episodes", "wandb")
 
 
 @dataclasses.dataclass(frozen=True)
 class RunConfig:
-    """What `train.py` runs. The fields mirror configs/config.yaml, where each is explained."""
+    """What `train.py` runs. The fields mirror configs/config.yaml, where each is explained.
 
-    env: dict[str, Any]  # name, version and the task's keywords
+    All but the algorithm have defaults, so that a run of an older version, which had fewer
+    settings, can still be read.
+    """
+
     algo: dict[str, Any]  # name and the agent's hyperparameters
-    physics: str
-    seeds: int
-    seed: int
-    total_steps: int
-    num_envs: int
-    rollout_length: int
-    checkpoint_steps: int
+    env: dict[str, Any] | None = None  # name, version and keywords; None: saved from Python
+    physics: str = "mjx"
+    seeds: int = 1
+    seed: int = 0
+    total_steps: int = 1_000_000
+    num_envs: int = 16
+    rollout_length: int = 128
+    checkpoint_steps: int = 250_000
+    eval_every: int = 0
+    eval_episodes: int = 20
+    wandb: str = "off"
     second_env: dict[str, Any] | None = None  # the task a transfer switches to
 
     @classmethod
@@ -40,17 +61,25 @@ class RunConfig:
         Raises:
           UsageError: a setting is unknown, out of its domain, or does not divide.
         """
-        fields = {field.name for field in dataclasses.fields(cls)}
+        fields = {field.name: field for field in dataclasses.fields(cls)}
         for name in settings:
             if name not in fields:
-                raise unknown_name("setting", name, fields)
+                raise unknown_name("setting", str(name), fields)
         values = dict(settings)
-        for name in POSITIVE:
-            values[name] = _whole(name, values[name], at_least=1)
-        values["seed"] = _whole("seed", values["seed"], at_least=0)
-        if values["physics"] not in ENGINES:
-            raise unknown_name("physics", str(values["physics"]), ENGINES)
+        for name in set(WHOLE) & set(values):
+            values[name] = _whole(name, values[name], WHOLE[name])
+        # wandb=off is a bool to YAML
+        values["wandb"] = {False: "off"}.get(values.get("wandb", False), values.get("wandb"))
+        if values["wandb"] not in WANDB:
+            raise unknown_name("wandb", str(values["wandb"]), WANDB)
+        for name in ("algo", "env", "second_env"):
+            given = values.get(name)
+            if not (isinstance(given, Mapping) and "name" in given) and (given or name == "algo"):
+                raise UsageError(f"{name} = {given} must hold a name and its settings.")
         config = cls(**values)
+        if config.seed + config.seeds > 2**32:
+            raise out_of_domain("seed", config.seed, "a whole number below 2^32 - seeds")
+        find_engine(config.physics).check()
         for task in config.tasks:
             check_env(**task)
         check_sizes(config.make_agent(), config.total_steps, config.num_envs, config.rollout_length)
@@ -63,32 +92,29 @@ class RunConfig:
           UsageError: the algorithm or a hyperparameter is unknown or out of range.
         """
         hyperparameters = dict(self.algo)
-        name = hyperparameters.pop("name")
-        if name not in AGENTS:
-            raise unknown_name("algo", str(name), AGENTS)
-        fields = {field.name: field for field in dataclasses.fields(AGENTS[name])}
+        name = str(hyperparameters.pop("name"))
+        agent = find_agent(name)
+        fields = {field.name: field for field in dataclasses.fields(agent)}
         for key, value in hyperparameters.items():
             if key not in fields:
-                raise unknown_name(f"hyperparameter of {name}", key, fields)
+                raise unknown_name(f"hyperparameter of {plugins.label(name)}", str(key), fields)
             hyperparameters[key] = _like(f"algo.{key}", value, fields[key].default)
-        agent = AGENTS[name](**hyperparameters)
-        check_hyperparameters(agent)
-        return agent
+        return agent(**hyperparameters)
 
     @property
     def tasks(self) -> list[dict[str, Any]]:
         """The tasks trained on, one after the other, `total_steps` each."""
-        return [self.env] if self.second_env is None else [self.env, self.second_env]
+        return [task for task in (self.env, self.second_env) if task is not None]
 
     @property
     def task_title(self) -> str:
         """What is trained on."""
-        return ", then ".join(task["name"] for task in self.tasks)
+        return ", then ".join(plugins.label(task["name"]) for task in self.tasks)
 
     @property
     def title(self) -> str:
         """What is trained on what."""
-        return f"{self.algo['name']} on {self.task_title}"
+        return f"{plugins.label(self.algo['name'])} on {self.task_title}"
 
     @property
     def switch_at(self) -> int | None:
@@ -107,38 +133,73 @@ class RunConfig:
         return -(-needed // self.iterations_per_report) * self.iterations_per_report
 
     @property
+    def last_iteration(self) -> int:
+        """Iterations of the whole run, all its tasks."""
+        return self.iterations * len(self.tasks)
+
+    @property
     def steps_per_iteration(self) -> int:
         """Environment steps of one seed in one iteration."""
         return self.num_envs * self.rollout_length
+
+    def reports_in(self, env_steps: int) -> int:
+        """Return how many reports cover that many environment steps of a seed, at least one."""
+        return max(1, env_steps // (self.steps_per_iteration * self.iterations_per_report))
+
+    def differences(self, other: "RunConfig") -> list[str]:
+        """Return what would make the two runs' results differ: `name: here, there`, a line each."""
+        mine, others = (dict(_dotted(config.to_dict())) for config in (self, other))
+        names = [*mine, *(name for name in others if name not in mine)]
+        return [
+            f"{name}: {mine.get(name)} here, {others.get(name)} there"
+            for name in names
+            if mine.get(name) != others.get(name) and name not in BESIDE_THE_POINT
+        ]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the settings as `from_mapping` takes them."""
         return dataclasses.asdict(self)
 
-    def save(self, path: Path) -> None:
-        """Write the settings as YAML."""
-        path.write_text(yaml.safe_dump(self.to_dict(), sort_keys=False))
+    def to_yaml(self) -> str:
+        """Return the settings as config.yaml holds them."""
+        return yaml.safe_dump({"schema": SCHEMA} | self.to_dict(), sort_keys=False)
 
     @classmethod
     def load(cls, run_dir: Path) -> "RunConfig":
-        """Read a run's settings.
+        """Read a run's settings; what an older version did not have yet takes its default.
 
         Raises:
-          UsageError: the folder holds no run.
+          UsageError: the folder holds no run, or one that cannot be read.
         """
         path = run_dir / "config.yaml"
         if not path.is_file():
             raise UsageError(f"'{run_dir}' is not a run's folder: it has no config.yaml.")
-        return cls.from_mapping(yaml.safe_load(path.read_text()))
+        try:
+            settings = yaml.safe_load(path.read_text())
+        except (yaml.YAMLError, UnicodeDecodeError):
+            settings = None
+        if not isinstance(settings, dict):
+            raise UsageError(f"'{path}' cannot be read: it does not hold a run's settings.")
+        schema = settings.pop("schema", 0)
+        if not isinstance(schema, int) or schema > SCHEMA:
+            raise UsageError(
+                f"'{path}' was written by a newer hitmdp_jax (schema {schema}; this one reads up "
+                f"to {SCHEMA}): upgrade to read it."
+            )
+        try:
+            return cls.from_mapping(settings)
+        except UsageError as error:
+            raise UsageError(f"'{path}' does not fit: {error}") from None
 
 
 def _whole(name: str, value: Any, at_least: int) -> int:
     """Return a whole number, which may be written as 1e6."""
     wanted = "a positive whole number" if at_least else "a whole number from 0"
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not math.isfinite(value) or value != int(value) or value < at_least:
         raise out_of_domain(name, value, wanted)
-    if value != int(value) or value < at_least:
-        raise out_of_domain(name, value, wanted)
+    if value > MOST:
+        raise out_of_domain(name, value, f"{wanted}, at most {MOST:.0e}")
     return int(value)
 
 
@@ -158,3 +219,11 @@ def _like(name: str, value: Any, default: Any) -> Any:
             raise out_of_domain(name, value, "a list of positive whole numbers")
         return tuple(value)
     return value
+
+
+def _dotted(tree: Any, prefix: str = "") -> list[tuple[str, Any]]:
+    if not isinstance(tree, dict):
+        return [(prefix, list(tree) if isinstance(tree, tuple) else tree)]
+    return [
+        pair for key, x in tree.items() for pair in _dotted(x, f"{prefix}.{key}" if prefix else key)
+    ]

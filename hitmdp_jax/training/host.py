@@ -1,19 +1,17 @@
 """How a command line sets JAX up on its machine, before the first computation."""
 
-import math
 import os
 from pathlib import Path
 
 import jax
 
-from hitmdp_jax.envs.wrappers import RESET_CHUNK
+from hitmdp_jax.envs.physics import find_engine
+from hitmdp_jax.envs.vector import RESET_CHUNK
+from hitmdp_jax.machine import available_cores
 from hitmdp_jax.training.sweep import num_shards
 
 CACHE = Path.home() / ".cache" / "hitmdp_jax"
 THREADS_PER_CORE = 4
-# Rows that one device may step at once without blocking a thread: Cholesky factorisations that XLA
-# does not divide among threads; states of a humanoid in the 100 KiB that it copies at once.
-SAFE_ROWS = {"mjx": 64, "warp": 64, "native": 256}
 
 
 def set_up_host(physics: str, num_envs: int, seeds: int = 1) -> None:
@@ -26,14 +24,15 @@ def set_up_host(physics: str, num_envs: int, seeds: int = 1) -> None:
     threads cost a fifth to a third of the speed, so only runs that need them get them.
 
     Args:
-      physics: the engine.
+      physics: the engine, which knows how many rows are safe (`Engine.safe_rows`).
       num_envs: environments of each seed, stepped side by side.
       seeds: seeds, spread over the cores.
     """
-    cores = os.cpu_count() or 1
+    cores = available_cores()
     jax.config.update("jax_num_cpu_devices", cores)
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         jax.config.update("jax_compilation_cache_dir", str(CACHE))
-    seeds_together = seeds // num_shards(seeds, cores)
-    if max(num_envs, RESET_CHUNK) * seeds_together > SAFE_ROWS.get(physics, math.inf):
+    rows = max(num_envs, RESET_CHUNK) * (seeds // num_shards(seeds, cores))
+    safe = find_engine(physics).safe_rows
+    if safe is not None and rows > safe:
         os.environ.setdefault("NPROC", str(THREADS_PER_CORE * cores))

@@ -1,147 +1,187 @@
 """One run from settings to files: the host's side of training."""
 
-import functools
+import dataclasses
 import os
-import signal
 import time
 from collections import deque
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from brax.envs.base import Env
 
-from hitmdp_jax.agents import Agent
 from hitmdp_jax.agents.base import Metrics
-from hitmdp_jax.analysis.figures import draw_figures
-from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.base import MujocoEnv
-from hitmdp_jax.envs.physics.native import NativePhysics
 from hitmdp_jax.envs.physics.speed import native_speed
-from hitmdp_jax.training.checkpoint import Checkpoints
+from hitmdp_jax.training.checkpoint import Checkpoints, Progress
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.display import Display
-from hitmdp_jax.training.policy import restore
-from hitmdp_jax.training.program import Init, Iterate, make_train, repeat, transfer
-from hitmdp_jax.training.records import Records
-from hitmdp_jax.training.sweep import Device, devices_for, place, sweep
+from hitmdp_jax.training.folder import CONFIG, locked
+from hitmdp_jax.training.interrupt import Interrupted, StopRequest
+from hitmdp_jax.training.program import CAUSES, Iterate, TrainState
+from hitmdp_jax.training.run import Run
+from hitmdp_jax.training.sinks import Sinks, Values, open_sinks
+from hitmdp_jax.training.sinks.terminal import TerminalSink
 
 SPEED_WINDOW = 11  # reports whose times make up the speed shown
 
 
-def run(config: RunConfig, run_dir: Path, resume: bool = False) -> None:
-    """Train as `config` says and leave everything in `run_dir`.
+class Hook(Protocol):
+    """Something to do every so often with what was learned so far: an evaluation, a video."""
 
-    The device is always one iteration ahead of the host: while metrics are written and shown, the
-    next iteration runs already. A transfer trains on its second task where the first ended. Ctrl-C
+    names: tuple[str, ...]  # of the metrics it adds to the report
+    every: int  # environment steps of a seed between two calls
+
+    def __call__(self, run: Run, progress: Progress) -> Values:
+        """Return metrics [S] by name."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    env_steps: int  # of each seed, that are done and saved
+    finished: bool
+    signum: int | None  # the signal that ended it early
+    diverged: dict[int, tuple[int, str]]  # seed -> the iteration and what was not finite
+    failure: str | None  # why the last state is not saved
+
+
+def run(
+    config: RunConfig, run_dir: Path, *, resume: bool = False, hooks: Sequence[Hook] = ()
+) -> Outcome:
+    """Train as `config` says and leave everything in `run_dir`, which the caller has claimed.
+
+    The device is always one report ahead of the host: while metrics are written and shown, the next
+    iterations run already. A transfer trains on its second task where the first ended. A signal
     ends the run after the iteration in progress, saved like a finished one.
 
     Args:
       config: validated settings.
-      run_dir: the run's folder, made if need be.
+      run_dir: the run's folder.
       resume: continue from the folder's newest checkpoint.
+      hooks: what else to do every so often.
     """
-    devices = devices_for(config.seeds)
-    agent = config.make_agent()
-    envs = [make_task(config, task, len(devices)) for task in config.tasks]
-    first, state = restore(run_dir, config, agent) if resume else (0, None)
-    run_dir.mkdir(parents=True, exist_ok=True)
-    config.save(run_dir / "config.yaml")
-
-    per_report = config.iterations_per_report
-    steps_per_report = per_report * config.steps_per_iteration
-    checkpoint_every = max(1, config.checkpoint_steps // steps_per_report) * per_report
-    total_steps = config.iterations * len(config.tasks) * config.steps_per_iteration
-    iteration = first
     with ExitStack() as stack:
+        stack.enter_context(locked(run_dir))
+        stop = stack.enter_context(StopRequest())
+        run = Run.create(config)
         checkpoints = Checkpoints(run_dir)
         stack.callback(checkpoints.close)
-        records = Records(run_dir, config.seed, resume_after=first)
-        stack.callback(records.close)
-        display = stack.enter_context(
-            Display(
-                title(config, envs[0], devices), total_steps, first * config.steps_per_iteration
-            )
-        )
-        interrupted = stack.enter_context(interruptible())
+        progress = run.restore(checkpoints) if resume else Progress(0, 0, None)
+        _write_settings(config, run_dir)
+        terminal = TerminalSink(*(n * config.steps_per_iteration for n in (config.last_iteration, progress.iteration)))
+        sinks = Sinks(*open_sinks(config, run_dir, progress.iteration), terminal)
+        stack.callback(sinks.close)
+        terminal.message(title(run))
+        reporter = Reporter(run, sinks, hooks)
+        for task in range(progress.task, len(run.envs)):
+            with terminal.compiling():
+                step = stop.wait_for(lambda: prepare(run, task, progress))  # noqa: B023
+            try:
+                iterate(run, progress, step, stop, reporter, checkpoints)
+            finally:  # an error in the middle of a report must not cost what was learned
+                checkpoints.save(progress, reporter.recent_return)
+            if stop.requested:
+                break
+        checkpoints.close()
+        return outcome(run, progress, stop, checkpoints)
+
+
+def prepare(run: Run, task: int, progress: Progress) -> Iterate:
+    """Move on to a task: its state into `progress`, and its iteration compiled."""
+    init, step = run.programs(task)
+    progress.state, progress.task = run.begin(task, progress, init), task
+    return step.lower(progress.state).compile()  # pyright: ignore[reportFunctionMemberAccess]
+
+
+def iterate(
+    run: Run,
+    progress: Progress,
+    step: Iterate,
+    stop: StopRequest,
+    reporter: "Reporter",
+    checkpoints: Checkpoints,
+) -> None:
+    """Train on a task to its end, or until asked to stop."""
+    config = run.config
+    last = (progress.task + 1) * config.iterations
+    per_checkpoint = config.reports_in(config.checkpoint_steps) * config.iterations_per_report
+    while progress.iteration < last and not stop.requested:
+        assert progress.state is not None
+        progress.state, metrics = step(progress.state)
+        progress.iteration += config.iterations_per_report
+        reporter.take(progress, metrics)
+        if progress.iteration % per_checkpoint == 0 or checkpoints.due():
+            reporter.flush()  # first the row, then the checkpoint that says it is there
+            checkpoints.save(progress, reporter.recent_return)
+    reporter.flush()
+
+
+class Reporter:
+    """Hands each report's metrics to the sinks, one report behind the device.
+
+    Args:
+      run: the run.
+      sinks: where the metrics go.
+      hooks: called when they are due; their metrics stand in the same report.
+    """
+
+    def __init__(self, run: Run, sinks: Sinks, hooks: Sequence[Hook]):
+        self._run, self._sinks, self._hooks = run, sinks, hooks
+        self._pending: tuple[int, Metrics | Values] | None = None
         # Single reports come in bunches where the device runs ahead; a window's speed is steady.
-        times = deque([time.perf_counter()], maxlen=SPEED_WINDOW)
+        self._times = deque([time.perf_counter()], maxlen=SPEED_WINDOW)
+        self.recent_return = float("nan")  # the mean over seeds, of the last report
 
-        def report(iteration: int, metrics: Metrics) -> None:
-            values = {name: np.asarray(x) for name, x in metrics.items()}  # waits for the device
-            times.append(time.perf_counter())
-            speed = steps_per_report * (len(times) - 1) / (times[-1] - times[0])
-            values["steps_per_second"] = np.full(config.seeds, speed)
-            env_steps = iteration * config.steps_per_iteration
-            records.write(iteration, env_steps, values)
-            display.update(env_steps, values)
+    def take(self, progress: Progress, metrics: Metrics) -> None:
+        """Keep a report back until the next one is under way; report the one before."""
+        self.flush()
+        config = self._run.config
+        extra: Values = {}
+        for hook in self._hooks:
+            extra |= dict.fromkeys(hook.names, np.full(config.seeds, np.nan))
+            if progress.iteration % (config.reports_in(hook.every) * config.iterations_per_report) == 0:
+                extra |= hook(self._run, progress)
+        self._pending = progress.iteration, metrics | extra
 
-        for number, env in enumerate(envs):
-            last = (number + 1) * config.iterations
-            if iteration >= last and number + 1 < len(envs):
-                continue  # a resumed transfer that has left this task behind
-            init, step = programs(config, agent, env, devices)
-            if state is None:
-                state = init(place(seed_keys(config), devices))
-            elif iteration == number * config.iterations:
-                state = transfer(state, init(state.key))
-            else:
-                state = place(state, devices)
-
-            pending = None
-            while iteration < last and not interrupted():
-                state, metrics = step(state)
-                iteration += per_report
-                if pending:
-                    report(*pending)
-                pending = iteration, metrics
-                if iteration % checkpoint_every == 0:
-                    checkpoints.save(iteration, state)
-            if pending:
-                report(*pending)
-        assert state is not None
-        checkpoints.save(iteration, state)
-        early = interrupted()
-    draw_figures(run_dir, config.title, config.switch_at)
-    reached = iteration * config.steps_per_iteration
-    where = f"Stopped at {reached:,} env steps, saved" if early else "Saved"
-    display.message(f"{where} in {run_dir}.")
+    def flush(self) -> None:
+        """Report what was kept back."""
+        if self._pending is None:
+            return
+        (iteration, metrics), self._pending = self._pending, None
+        config = self._run.config
+        values = {name: np.asarray(x) for name, x in metrics.items()}  # waits for the device
+        self._times.append(time.perf_counter())
+        steps = config.steps_per_iteration * config.iterations_per_report
+        speed = steps * (len(self._times) - 1) / (self._times[-1] - self._times[0])
+        values["steps_per_second"] = np.full(config.seeds, speed)
+        known = values["recent_return"][~np.isnan(values["recent_return"])]
+        self.recent_return = float(known.mean()) if known.size else float("nan")
+        self._sinks.write(iteration, iteration * config.steps_per_iteration, values)
 
 
-def programs(
-    config: RunConfig, agent: Agent, env: Env, devices: list[Device]
-) -> tuple[Init, Iterate]:
-    """Compile-ready init and step of every seed on one task; a step is one report's iterations."""
-    init, step = make_train(
-        agent,
-        env,
-        num_steps=config.total_steps,
-        num_envs=config.num_envs,
-        rollout_length=config.rollout_length,
+def outcome(run: Run, progress: Progress, stop: StopRequest, checkpoints: Checkpoints) -> Outcome:
+    """Return how the run ended."""
+    state, config = progress.state, run.config
+    assert isinstance(state, TrainState)
+    at, cause = jax.device_get((state.diverged, state.cause))
+    return Outcome(
+        env_steps=progress.iteration * config.steps_per_iteration,
+        finished=progress.iteration >= config.last_iteration,
+        signum=stop.signum,
+        diverged={
+            config.seed + i: (int(at[i]), CAUSES[int(cause[i])]) for i in np.flatnonzero(at)
+        },
+        failure=checkpoints.failure,
     )
-    return sweep(init, repeat(step, config.iterations_per_report), devices)
 
 
-def make_task(config: RunConfig, task: dict[str, Any], num_devices: int) -> Env:
-    """Make an environment of the run; native physics shares the cores out among the devices."""
-    physics = config.physics
-    if physics == "native":
-        threads = max(1, (os.cpu_count() or 1) // num_devices)
-        physics = functools.partial(NativePhysics, num_threads=threads)
-    return make_env(**task, physics=physics)
-
-
-def seed_keys(config: RunConfig) -> jax.Array:
-    """Return the seeds' keys [S]: seed i gets the same whether it runs alone or among others."""
-    return jax.vmap(jax.random.key)(config.seed + jnp.arange(config.seeds))
-
-
-def title(config: RunConfig, env: Env, devices: list[Device]) -> str:
+def title(run: Run) -> str:
     """Return the line that says what runs, and where something would be faster."""
+    config, env, devices = run.config, run.envs[0], run.devices
     on_cpu = devices[0].platform == "cpu"
     parts = [
         config.title,
@@ -154,18 +194,10 @@ def title(config: RunConfig, env: Env, devices: list[Device]) -> str:
     return ", ".join(parts)
 
 
-@contextmanager
-def interruptible() -> Iterator:
-    """Turn the first Ctrl-C into a request to stop, yielded as a function; a second one kills."""
-    requested = False
+def _write_settings(config: RunConfig, run_dir: Path) -> None:
+    beside = run_dir / f"{CONFIG}.tmp"
+    beside.write_text(config.to_yaml())
+    os.replace(beside, run_dir / CONFIG)
 
-    def request(signum: int, frame: object) -> None:
-        nonlocal requested
-        requested = True
-        signal.signal(signal.SIGINT, previous)
 
-    previous = signal.signal(signal.SIGINT, request)
-    try:
-        yield lambda: requested
-    finally:
-        signal.signal(signal.SIGINT, previous)
+__all__ = ["Hook", "Interrupted", "Outcome", "run"]

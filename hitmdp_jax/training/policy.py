@@ -1,24 +1,26 @@
-"""`load`: a trained policy from a run's folder."""
+"""`load` and `save`: a trained policy out of a run's folder and into one."""
 
 import dataclasses
+import inspect
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from flax import struct
 
-from hitmdp_jax.agents import Agent
-from hitmdp_jax.envs import make_env
+from hitmdp_jax.agents import AGENTS, Agent
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.learning.rollout import normalize
-from hitmdp_jax.training.checkpoint import Checkpoints
+from hitmdp_jax.learning.normalization import normalize
+from hitmdp_jax.training.checkpoint import Checkpoints, Progress, normalizer_of
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.program import TrainState, make_train
+from hitmdp_jax.training.folder import claim
+from hitmdp_jax.training.program import TrainState
 
 
-@dataclasses.dataclass(frozen=True)
-class Policy:
-    """A trained policy with its observation normaliser; pure, so that it jits and vmaps.
+class Policy(struct.PyTreeNode):
+    """A trained policy with its observation normaliser: a pytree of pure functions.
 
     >>> policy = load("runs/halfcheetah/mopg/...")  # doctest: +SKIP
     >>> memory = policy.initial_memory(key)  # doctest: +SKIP
@@ -36,58 +38,132 @@ class Policy:
     def act(
         self, obs: jax.Array, memory: Any, key: jax.Array, deterministic: bool = False
     ) -> tuple[jax.Array, Any]:
-        """Return actions [..., A] for raw observations [..., O], and the new memory."""
-        obs = normalize(jnp.asarray(obs, jnp.float32), self.normalizer)
+        """Return actions [..., A] for raw observations [..., O], and the new memory.
+
+        Raises:
+          UsageError: the observation has another size than those the policy learned from.
+        """
+        obs = self.normalized(obs)
         action, memory, _ = self.agent.act(self.params, obs, memory, key, deterministic)
         return action, memory
 
+    def normalized(self, obs: jax.Array) -> jax.Array:
+        """Return raw observations [..., O] as the agent sees them; Raises as `act`."""
+        size = self.normalizer.mean.shape[-1]
+        if jnp.shape(obs)[-1:] != (size,):
+            raise UsageError(f"obs has shape {jnp.shape(obs)}; its last axis must be {size} long.")
+        return normalize(jnp.asarray(obs, jnp.float32), self.normalizer)
 
-def load(run_dir: str | Path, seed: int = 0) -> Policy:
-    """Load a policy from the newest checkpoint of a run.
+
+def load(run_dir: str | Path, seed: int | None = None, checkpoint: int | str = "newest") -> Policy:
+    """Load a policy of a run.
 
     Args:
       run_dir: the run's folder.
-      seed: which of the run's seeds, by the number the run gave it.
+      seed: which of the run's seeds, by the number the run gave it; None takes the first.
+      checkpoint: "newest"; "best", by the training return; or an iteration that was saved.
 
     Raises:
-      UsageError: the folder holds no run, no checkpoint, or no such seed.
+      UsageError: the folder holds no run, no such checkpoint, or no such seed.
     """
-    run_dir = Path(run_dir)
-    config = RunConfig.load(run_dir)
+    config = RunConfig.load(Path(run_dir))
     seeds = range(config.seed, config.seed + config.seeds)
-    if seed not in seeds:
+    if seed is not None and seed not in seeds:
         raise UsageError(
             f"seed = {seed} is not in the run '{run_dir}', which holds {seeds.start} to "
             f"{seeds.stop - 1}."
         )
-    agent = config.make_agent()
-    checkpoints = Checkpoints(run_dir)
+    everyone = load_all(run_dir, checkpoint)
+    number = 0 if seed is None else seed - config.seed
+    params, normalizer = jax.tree.map(lambda x: x[number], (everyone.params, everyone.normalizer))
+    return everyone.replace(params=params, normalizer=normalizer)
+
+
+def load_all(run_dir: str | Path, checkpoint: int | str = "newest") -> Policy:
+    """Load the policies of all seeds of a run: `params` and `normalizer` are [S, ...].
+
+    Args and Raises as `load`.
+    """
+    run_dir = Path(run_dir)
+    config = RunConfig.load(run_dir)
+    checkpoints = Checkpoints(run_dir, read_only=True)
     try:
-        everyone = checkpoints.restore_policy(abstract_state(config, agent, config.env))
+        saved = checkpoints.restore_policy(checkpoint)
     finally:
         checkpoints.close()
-    return Policy(agent, *jax.tree.map(lambda x: x[seed - config.seed], everyone))
+    policy = Policy(config.make_agent(), saved["params"], normalizer_of(saved))
+    _check_fit(policy, config, run_dir)
+    return policy
 
 
-def restore(run_dir: Path, config: RunConfig, agent: Agent) -> tuple[int, TrainState]:
-    """Return the iteration and the state [S, ...] of a run's newest checkpoint."""
-    checkpoints = Checkpoints(run_dir)
+def _check_fit(policy: Policy, config: RunConfig, run_dir: Path) -> None:
+    """Let the agent act on the parameters, in shapes alone; a stranger's may be anything.
+
+    Raises:
+      UsageError: they are not the parameters of the agent that the settings name.
+    """
+
+    def act(params: Any, normalizer: Any, key: jax.Array) -> jax.Array:
+        one = policy.replace(params=params, normalizer=normalizer)
+        obs = jnp.zeros(normalizer.mean.shape[-1])
+        return one.act(obs, one.initial_memory(key), key)[0]
+
+    keys = jax.eval_shape(lambda: jax.random.split(jax.random.key(0), config.seeds))
     try:
-        number = min((checkpoints.latest() - 1) // config.iterations, len(config.tasks) - 1)
-        return checkpoints.restore(abstract_state(config, agent, config.tasks[number]))
-    finally:
-        checkpoints.close()
+        jax.eval_shape(jax.vmap(act), policy.params, policy.normalizer, keys)
+    except Exception as error:  # Flax, JAX and dictionaries each complain in their own way
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise UsageError(
+            f"The checkpoint in '{run_dir}' does not fit the algorithm and seeds of its "
+            f"config.yaml: {reason[0]}"
+        ) from None
 
 
-def abstract_state(config: RunConfig, agent: Agent, task: dict[str, Any]) -> TrainState:
-    """Return the shapes and types of a run's state [S, ...] while it trains on a task."""
-    env = make_env(**task, physics=config.physics)
-    init, _ = make_train(
-        agent,
-        env,
-        num_steps=config.total_steps,
-        num_envs=config.num_envs,
-        rollout_length=config.rollout_length,
-    )
-    keys = jax.eval_shape(jax.vmap(jax.random.key), jnp.zeros(config.seeds, jnp.uint32))
-    return jax.eval_shape(jax.vmap(init), keys)
+def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: bool = False) -> None:
+    """Save what the library trained, for `load`: the agent, and a state [...] or [S, ...].
+
+    Args:
+      run_dir: a folder, made if need be.
+      agent: the algorithm that was trained.
+      state: what `train` or a step returned, of one seed or vmapped over seeds.
+      overwrite: replace a run that the folder holds.
+
+    Raises:
+      UsageError: the folder holds a run or cannot be written, or the agent's class has no file.
+    """
+    if not isinstance(state, TrainState):
+        raise UsageError(f"state is a {type(state).__name__}; pass the TrainState of a training.")
+    if state.iteration.ndim == 0:
+        state = jax.tree.map(lambda x: x[None], state)
+    seeds = len(state.iteration)
+    config = RunConfig(algo=describe(agent), seeds=seeds)
+    run_dir = claim(Path(run_dir), config, overwrite)
+    checkpoints = Checkpoints(run_dir)
+    checkpoints.save(Progress(int(np.max(state.iteration)), 0, state))
+    checkpoints.close()
+    if checkpoints.failure:
+        raise UsageError(f"'{run_dir}' cannot be written: {checkpoints.failure}")
+
+
+def describe(agent: Agent) -> dict[str, Any]:
+    """Return an agent as a run's settings name it: by its algorithm and hyperparameters.
+
+    Raises:
+      UsageError: its class is defined in no file, or a hyperparameter is not one number.
+    """
+    kind = type(agent)
+    names = [name for name, known in AGENTS.items() if known is kind]
+    file = inspect.getsourcefile(kind) if not names and kind.__module__ != "__main__" else None
+    if not names and file is None:
+        raise UsageError(f"{kind.__name__} must be defined in a file of its own to be saved.")
+    settings: dict[str, Any] = {"name": names[0] if names else f"{file}:{kind.__name__}"}
+    for field in dataclasses.fields(agent):  # pyright: ignore[reportArgumentType]
+        value = getattr(agent, field.name)
+        if isinstance(value, jax.Array | np.ndarray | np.generic):
+            if np.size(value) != 1:
+                raise UsageError(
+                    f"{field.name} has {np.size(value)} values: save the runs of a sweep apart."
+                )
+            value = float(np.asarray(value).reshape(()))
+        settings[field.name] = list(value) if isinstance(value, tuple) else value
+    return settings

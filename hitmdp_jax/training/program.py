@@ -1,28 +1,72 @@
 """The training program: pure functions of a key that jit, vmap and scan."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from brax.envs.base import Env
-from brax.training.acme import running_statistics
+from brax.training.acme.running_statistics import RunningStatisticsState
 from flax import struct
 
 from hitmdp_jax.agents.base import Agent, LearnerState, Metrics, check_hyperparameters
-from hitmdp_jax.envs.wrappers import Step, VectorEnv
+from hitmdp_jax.envs.vector import Step, VectorEnv
 from hitmdp_jax.errors import UsageError, out_of_domain
+from hitmdp_jax.learning.metrics import over_iterations
+from hitmdp_jax.learning.normalization import initial_statistics, update_statistics
 from hitmdp_jax.learning.rollout import RolloutState, collect
+
+RECENT_EPISODES = 100  # what `recent_return` averages over
+CAUSES = ("none", "reward", "loss", "parameters")  # what was not finite where a seed diverged
+
+
+class EpisodeWindow(struct.PyTreeNode):
+    """The last whole episodes of one seed."""
+
+    returns: jax.Array  # [RECENT_EPISODES] a ring, undiscounted
+    lengths: jax.Array  # [RECENT_EPISODES] control steps
+    count: jax.Array  # int32, episodes ever
+
+    @classmethod
+    def empty(cls) -> "EpisodeWindow":
+        """Return the window of a seed that has finished no episode."""
+        zeros = jnp.zeros(RECENT_EPISODES)
+        return cls(zeros, zeros, jnp.zeros((), jnp.int32))
+
+    def add(self, outcome: Step) -> "EpisodeWindow":
+        """Return the window after the episodes that ended in a rollout [T, B]."""
+        finished = outcome.finished.ravel()
+        number = self.count + jnp.cumsum(finished)  # 1, 2, ... of each episode that ended
+        total = number[-1]
+        kept = finished & (number > total - RECENT_EPISODES)
+        slot = jnp.where(kept, (number - 1) % RECENT_EPISODES, RECENT_EPISODES)
+        return EpisodeWindow(
+            self.returns.at[slot].set(outcome.episode_return.ravel(), mode="drop"),
+            self.lengths.at[slot].set(outcome.episode_length.ravel(), mode="drop"),
+            total.astype(jnp.int32),
+        )
+
+    def metrics(self) -> Metrics:
+        """Return the means over the window; NaN before the first episode has ended."""
+        known = jnp.minimum(self.count, RECENT_EPISODES)
+        return {
+            "recent_return": self.returns.sum() / known,
+            "recent_length": self.lengths.sum() / known,
+        }
 
 
 class TrainState(struct.PyTreeNode):
     """Everything a training run consists of: continuing from it is exact."""
 
     learner: LearnerState
-    normalizer: running_statistics.RunningStatisticsState
+    normalizer: RunningStatisticsState
     rollout: RolloutState
+    episodes: EpisodeWindow
     key: jax.Array
     iteration: jax.Array  # int32
+    diverged: jax.Array  # int32, the iteration that was not finite; 0 while all are
+    cause: jax.Array  # int32, the place in CAUSES of what was not finite
 
 
 Init = Callable[[jax.Array], TrainState]
@@ -34,24 +78,18 @@ def num_iterations(num_steps: int, num_envs: int, rollout_length: int) -> int:
     return -(-num_steps // (num_envs * rollout_length))
 
 
-def check_sizes(agent: Agent, num_steps: int, num_envs: int, rollout_length: int) -> None:
+def check_sizes(agent: Agent, num_steps: Any, num_envs: Any, rollout_length: Any) -> None:
     """Reject sizes that no program can be built from.
 
     Raises:
-      UsageError: a size is not positive, or a rollout does not divide into minibatches.
+      UsageError: a size is not a positive whole number, or a rollout does not divide into
+        minibatches.
     """
     sizes = {"num_steps": num_steps, "num_envs": num_envs, "rollout_length": rollout_length}
     for name, size in sizes.items():
-        if size < 1:
+        if not isinstance(size, int) or isinstance(size, bool) or size < 1:
             raise out_of_domain(name, size, "a positive whole number")
-    samples, minibatch = num_envs * rollout_length, agent.minibatch_size
-    if samples % minibatch:
-        near = max(d for d in range(1, minibatch + 1) if samples % d == 0)
-        raise UsageError(
-            f"rollout_length * num_envs = {rollout_length} * {num_envs} = {samples} is not "
-            f"divisible by minibatch_size = {minibatch}; the nearest size below that divides it is "
-            f"{near}."
-        )
+    agent.check_batch(rollout_length, num_envs)
 
 
 def make_train(
@@ -85,51 +123,104 @@ def make_train(
       UsageError: a size is not positive or does not divide, a hyperparameter is out of range, or an
         observation is not one array.
     """
+    if isinstance(agent, type):
+        raise UsageError(f"agent is the class {agent.__name__}: pass an agent, {agent.__name__}().")
     check_hyperparameters(agent)
     check_sizes(agent, num_steps, num_envs, rollout_length)
-    pool_size = reset_pool_size or max(1, num_envs * rollout_length // 4)
-    vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger)
-    observation_size, action_size = env.observation_size, env.action_size
-    if not isinstance(observation_size, int):
+    if not isinstance(env.observation_size, int):
         raise UsageError(
             "The environment observes several arrays, and a policy reads one: "
             "pass an environment whose observation is a single array."
         )
-
+    pool_size = reset_pool_size or max(1, num_envs * rollout_length // 4)
+    vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger)
     iterations = num_iterations(num_steps, num_envs, rollout_length)
-    scheduled = getattr(agent, "scheduled", lambda progress: agent)
+    program = Program(agent, vector_env, rollout_length, iterations)
+    return program.init, program.step
 
-    def init(key: jax.Array) -> TrainState:
+
+@dataclasses.dataclass(frozen=True)
+class Program:
+    """One training run: its start and its iteration."""
+
+    agent: Agent
+    env: VectorEnv
+    rollout_length: int
+    iterations: int  # of the whole run
+
+    def init(self, key: jax.Array) -> TrainState:
+        """Return the state before the first iteration."""
         key, key_agent, key_env, key_memory = jax.random.split(key, 4)
-        normalizer = running_statistics.init_state(jnp.zeros(observation_size))
+        task = self.env.env
+        assert isinstance(task.observation_size, int)
+        memory = self.agent.initial_memory(key_memory, (self.env.num_envs,))
+        zero = jnp.zeros((), jnp.int32)
         return TrainState(
-            learner=agent.init(key_agent, observation_size, action_size),
-            normalizer=jax.tree.map(jnp.asarray, normalizer),
-            rollout=RolloutState(
-                vector_env.reset(key_env), agent.initial_memory(key_memory, (num_envs,))
-            ),
+            learner=self.agent.init(key_agent, task.observation_size, task.action_size),
+            normalizer=initial_statistics(task.observation_size),
+            rollout=RolloutState(self.env.reset(key_env), memory),
+            episodes=EpisodeWindow.empty(),
             key=key,
-            iteration=jnp.zeros((), jnp.int32),
+            iteration=zero,
+            diverged=zero,
+            cause=zero,
         )
 
-    def step(state: TrainState) -> tuple[TrainState, Metrics]:
+    def step(self, state: TrainState) -> tuple[TrainState, Metrics]:
+        """Collect a rollout with the agent as it is at this point of the run, and learn from it."""
         key, key_rollout, key_update = jax.random.split(state.key, 3)
+        agent = self.agent.scheduled(state.iteration / self.iterations)
         rollout, batch, outcome, obs = collect(
             agent,
             state.learner.params,
             state.normalizer,
-            vector_env,
+            self.env,
             state.rollout,
             key_rollout,
-            rollout_length,
+            self.rollout_length,
         )
-        now = scheduled(state.iteration / iterations)
-        learner, metrics = now.update(state.learner, batch, key_update)
-        normalizer = running_statistics.update(state.normalizer, obs)
-        state = TrainState(learner, normalizer, rollout, key, state.iteration + 1)
-        return state, episode_metrics(outcome) | metrics
+        learner, learning = agent.update(state.learner, batch, key_update)
+        new = state.replace(
+            learner=learner,
+            normalizer=update_statistics(state.normalizer, obs),
+            rollout=rollout,
+            episodes=state.episodes.add(outcome),
+            key=key,
+            iteration=state.iteration + 1,
+        )
+        metrics = episode_metrics(outcome) | new.episodes.metrics() | learning
+        return freeze_diverged(state, new, metrics, batch.reward)
 
-    return init, step
+
+def freeze_diverged(
+    old: TrainState, new: TrainState, metrics: Metrics, reward: jax.Array
+) -> tuple[TrainState, Metrics]:
+    """Keep the last finite state of a run that is no longer finite; its metrics are NaN from then.
+
+    A NaN would stay in the parameters for ever, and take what was learned with it. Nothing is
+    shared between the runs of a sweep, so the others go on as they would alone.
+    """
+    losses = [x for name, x in metrics.items() if name.endswith("loss")]
+    parts = ([reward], losses, jax.tree.leaves(new.learner.params))
+    finite = jnp.stack([_all_finite(part) for part in parts])
+    cause = jnp.where(finite.all(), 0, 1 + jnp.argmin(finite))  # the first of them
+    healthy = (old.diverged == 0) & finite.all()
+    kept = jax.tree.map(lambda a, b: jnp.where(healthy, a, b), new, old)
+    first = (old.diverged == 0) & ~finite.all()
+    kept = kept.replace(
+        iteration=new.iteration,
+        diverged=jnp.where(first, new.iteration, old.diverged),
+        cause=jnp.where(first, cause, old.cause).astype(jnp.int32),
+    )
+
+    def blank(x: jax.Array) -> jax.Array:
+        return jnp.where(healthy, x, jnp.nan if jnp.issubdtype(x.dtype, jnp.floating) else 0)
+
+    return kept, jax.tree.map(blank, metrics) | {"diverged": ~healthy}
+
+
+def _all_finite(leaves: list[jax.Array]) -> jax.Array:
+    return jnp.stack([jnp.isfinite(x).all() for x in leaves] or [jnp.ones((), bool)]).all()
 
 
 def train(
@@ -168,26 +259,16 @@ def train(
 
 
 def repeat(step: Iterate, count: int) -> Iterate:
-    """Return `count` iterations as one, with their metrics summed up.
+    """Return `count` iterations as one, with their metrics summed up (`learning.metrics`).
 
-    Algorithms that update every few steps would spend their time reporting. Counts (`episodes`,
-    `option_...`) add up, episode means are weighted by episodes, the rest is averaged.
+    Algorithms that update every few steps would spend their time reporting.
     """
     if count == 1:
         return step
 
     def steps(state: TrainState) -> tuple[TrainState, Metrics]:
         state, metrics = jax.lax.scan(lambda s, _: step(s), state, length=count)
-        weight = metrics["episodes"]
-
-        def summed(name: str, x: jax.Array) -> jax.Array:
-            if name in ("episodes", "option_steps", "option_activations"):
-                return x.sum(axis=0)
-            if name in ("episode_return", "episode_length"):
-                return jnp.where(weight > 0, x * weight, 0.0).sum() / weight.sum()
-            return x.mean(axis=0)
-
-        return state, {name: summed(name, x) for name, x in metrics.items()}
+        return state, over_iterations(metrics)
 
     return steps
 
@@ -199,7 +280,12 @@ def transfer(old: TrainState, new: TrainState) -> TrainState:
     progress start anew (DAC, Zhang & Whiteson 2019, sec. 5.2, without its carried-over episodes).
     """
     return new.replace(
-        learner=old.learner, normalizer=old.normalizer, key=old.key, iteration=old.iteration
+        learner=old.learner,
+        normalizer=old.normalizer,
+        key=old.key,
+        iteration=old.iteration,
+        diverged=old.diverged,
+        cause=old.cause,
     )
 
 

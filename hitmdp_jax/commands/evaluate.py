@@ -1,0 +1,126 @@
+"""Score a trained run: `python -m hitmdp_jax.evaluate RUN_DIR --engine gymnasium --episodes 50`."""
+
+import argparse
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from hitmdp_jax.analysis.evaluation import ENGINES, Scores, score
+from hitmdp_jax.commands.settings import guarded
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training.checkpoint import Progress, saved_iterations
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.host import set_up_host
+from hitmdp_jax.training.policy import Policy, load
+from hitmdp_jax.training.run import Run
+
+COLUMNS = (
+    "iteration", "seed", "engine", "episodes", "deterministic",
+    "return", "std", "min", "max", "std_error", "length",
+)  # fmt: skip
+SEED_OFFSET = 2**20  # keeps the keys of evaluations apart from those of trainings
+
+
+def main() -> None:
+    """Run the command line."""
+    guarded(_main)
+
+
+def _main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m hitmdp_jax.evaluate", description=__doc__)
+    parser.add_argument("run_dir", type=Path, help="a run's folder")
+    parser.add_argument(
+        "--engine", default=None, help=f"one of {', '.join(ENGINES)}; the run's own"
+    )
+    parser.add_argument("--episodes", type=int, default=50, help="episodes a seed (50)")
+    parser.add_argument("--seed", type=int, default=None, help="one of the run's seeds; all")
+    parser.add_argument("--checkpoint", default="newest", help="newest, best, or an iteration")
+    parser.add_argument("--deterministic", action="store_true", help="do not sample")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    options = parser.parse_args()
+    config = RunConfig.load(options.run_dir)
+    if config.env is None:
+        raise UsageError(f"'{options.run_dir}' was saved from Python and names no task.")
+    seeds = range(config.seed, config.seed + config.seeds)
+    chosen = seeds if options.seed is None else [options.seed]
+    engine = options.engine or config.physics
+    which = int(options.checkpoint) if options.checkpoint.isdecimal() else options.checkpoint
+    set_up_host(engine if engine != "gymnasium" else config.physics, options.episodes)
+    iteration = which if isinstance(which, int) else max(saved_iterations(options.run_dir), default=0)
+    rows = []
+    for seed in chosen:
+        policy = load(options.run_dir, seed, which)
+        key = jax.random.key(seed + SEED_OFFSET)
+        scores = score(policy, config, engine, options.episodes, key, options.deterministic)
+        rows.append(row(scores, iteration, seed, engine, options.deterministic))
+    append(options.run_dir, rows)
+    if options.json:
+        print(json.dumps(rows, indent=2))
+        return
+    table = Table("seed", "return", "std", "min", "max", "std error", "length", title=engine)
+    for entry in rows:
+        numbers = [entry[name] for name in ("return", "std", "min", "max", "std_error")]
+        shown = ("-" if x is None else f"{x:,.1f}" for x in numbers)
+        table.add_row(str(entry["seed"]), *shown, f"{entry['length']:.1f}")
+    Console().print(table)
+
+
+def row(
+    scores: Scores, iteration: int, seed: int, engine: str, deterministic: bool
+) -> dict[str, Any]:
+    """Return what is written of one seed's scores."""
+    returns = scores.returns
+    error = scores.standard_error
+    numbers = (returns.mean(), returns.std(), returns.min(), returns.max())
+    values = (
+        iteration, seed, engine, len(returns), deterministic,
+        *(float(x) for x in numbers), None if np.isnan(error) else error,
+        float(scores.lengths.mean()),
+    )  # fmt: skip
+    return dict(zip(COLUMNS, values, strict=True))
+
+
+def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:
+    """Add rows to the run's evaluations.csv."""
+    path = run_dir / "evaluations.csv"
+    new = not path.exists()
+    with path.open("a", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        if new:
+            writer.writeheader()
+        writer.writerows(rows)
+
+
+class Evaluation:
+    """Scores every seed's policy while a run trains: whole episodes of the deterministic policy.
+
+    Args:
+      config: the run's settings, `eval_every` and `eval_episodes` among them.
+      run_dir: the run's folder; every score is a row of its evaluations.csv.
+    """
+
+    names = ("evaluation_return",)
+
+    def __init__(self, config: RunConfig, run_dir: Path):
+        self.every = config.eval_every
+        self._run_dir = run_dir
+
+    def __call__(self, run: Run, progress: Progress) -> dict[str, np.ndarray]:
+        """Return the mean return of each seed [S]."""
+        config, state = run.config, progress.state
+        assert state is not None
+        learned = jax.device_get((state.learner.params, state.normalizer))
+        rows = []
+        for i in range(config.seeds):
+            policy = Policy(run.agent, *jax.tree.map(lambda x, i=i: x[i], learned))
+            key = jax.random.fold_in(jax.random.key(config.seed + i + SEED_OFFSET), progress.iteration)
+            scores = score(policy, config, config.physics, config.eval_episodes, key, True)
+            rows.append(row(scores, progress.iteration, config.seed + i, config.physics, True))
+        append(self._run_dir, rows)
+        return {"evaluation_return": np.array([entry["return"] for entry in rows])}

@@ -1,0 +1,169 @@
+"""Reproduce the paper: `python -m hitmdp_jax.reproduce TARGET [name=value ...]`.
+
+Targets:
+  compare  trains every algorithm of `algos=` (`all`, or a list as `mopg,ppo`) on one task, or on
+           a pair of them, one after the other, and writes one table and one figure in the style of
+           Figures 3 and 4. The other settings are those of train.py: `compare env=halfcheetah
+           algos=all seeds=4`, `compare experiment=transfer pair=cheetah algos=mopg,ppo`. With
+           `run_dir=` of an earlier comparison it goes on where that stopped.
+  theory   computes and draws Theorem 3.3 and Proposition 3.5 on random option frameworks (`seed=`,
+           `run_dir=`).
+"""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax
+from rich.console import Console
+from rich.table import Table
+
+from hitmdp_jax.agents import AGENTS, find_agent
+from hitmdp_jax.analysis import theorems
+from hitmdp_jax.analysis.comparison import Result, compare, comparison_figure, save_table, table
+from hitmdp_jax.commands.settings import Settings, folder_setting, guarded
+from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.folder import already_there, is_finished
+from hitmdp_jax.training.policy import load
+from hitmdp_jax.training.interrupt import SIGNALS
+
+
+def main() -> None:
+    """Run the command line."""
+    guarded(_main)
+
+
+def _main() -> int:
+    arguments = sys.argv[1:]
+    if not arguments or {"-h", "--help"} & set(arguments):
+        print(__doc__)
+        return 0
+    if arguments[0] not in TARGETS:
+        raise unknown_name("target", arguments[0], TARGETS)
+    return TARGETS[arguments[0]](arguments[1:])
+
+
+def run_comparison(arguments: list[str]) -> int:
+    """Train every algorithm in a process of its own and compare the runs; return the exit code.
+
+    Raises:
+      UsageError: a setting is wrong, a folder holds another run, or a run failed.
+    """
+    algos, rest = _algorithms(arguments)
+    name = _named(rest).get("pair", _named(rest).get("env", "halfcheetah"))
+    values = Settings(rest).values()
+    folder = folder_setting(values) or Path(
+        f"runs/compare/{name.replace('/', '-')}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
+    )
+    rest = [text for text in rest if not text.startswith("run_dir=")]
+    run_dirs = {algo: folder / algo for algo in algos}
+    configs = {algo: Settings([f"algo={algo}", *rest]).config() for algo in algos}
+    known = {algo: already_there(run_dirs[algo], configs[algo]) for algo in algos}
+    for algo, run_dir in run_dirs.items():
+        if known[algo] and is_finished(run_dir, configs[algo]):
+            print(f"{algo}: taken from {run_dir}", flush=True)
+            continue
+        settings = [f"resume={run_dir}"] if known[algo] else [f"algo={algo}", *rest]
+        code = train(settings if known[algo] else [*settings, f"run_dir={run_dir}"])
+        if code > 128:
+            print(f"Stopped in {algo}. The same command with run_dir={folder} goes on from there.")
+            return code
+        if code not in (0, 3):  # 3: a seed diverged, and said so
+            raise UsageError(f"The run of {algo} failed; the comparison stopped there.")
+    config = configs[algos[0]]
+    parameters = {algo: count_parameters(run_dir) for algo, run_dir in run_dirs.items()}
+    results = compare(run_dirs, parameters, since=config.switch_at or 0)
+    save_table(results, folder)
+    figure = comparison_figure(run_dirs, config.task_title, config.switch_at)
+    figure.savefig(folder / "comparison.png", dpi=150)
+    show(results)
+    print(f"Saved in {folder}.")
+    return 0
+
+
+def _named(arguments: list[str]) -> dict[str, str]:
+    return dict(text.split("=", 1) for text in arguments if "=" in text)
+
+
+def _algorithms(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """Return the algorithms of `algos=`, and the other arguments."""
+    rest = [text for text in arguments if not text.startswith("algos=")]
+    named = _named(arguments).get("algos", "all")
+    algos = sorted(AGENTS) if named == "all" else named.split(",")
+    for algo in algos:
+        find_agent(algo)
+    return algos, rest
+
+
+def train(settings: list[str]) -> int:
+    """Run a training in a process of its own and wait for it; return its exit code.
+
+    A signal is handed on: the training saves what it has, and then both end.
+    """
+    command = [sys.executable, "-m", "hitmdp_jax.train", *settings]
+    # A session of its own: a terminal's Ctrl-C would reach it twice, and twice means at once.
+    process = subprocess.Popen(command, start_new_session=True)
+    previous = {s: signal.signal(s, lambda signum, _: process.send_signal(signum)) for s in SIGNALS}
+    try:
+        code = process.wait()
+    finally:
+        for signum, handler in previous.items():
+            signal.signal(signum, handler)
+    return 128 - code if code < 0 else code
+
+
+def draw_theorems(arguments: list[str]) -> int:
+    """Compute and draw Theorem 3.3 and Proposition 3.5.
+
+    Raises:
+      UsageError: a setting is unknown, the seed is no seed, or the folder cannot be made.
+    """
+    defaults = {"run_dir": f"runs/theory/{time.strftime('%Y-%m-%d_%H-%M-%S')}", "seed": "0"}
+    for text in arguments:
+        if "=" not in text:
+            raise UsageError(f"'{text}' is not of the form name=value, e.g. seed=1.")
+    settings = _named(arguments)
+    for name in settings:
+        if name not in defaults:
+            raise unknown_name("setting", name, defaults)
+    settings = defaults | settings
+    seed, folder = settings["seed"], Path(settings["run_dir"])
+    if not seed.isdecimal() or int(seed) >= 2**32:
+        raise out_of_domain("seed", seed, "a whole number from 0 to 4294967295")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"run_dir = {folder} cannot be made: {error.strerror}.") from None
+    with jax.enable_x64(True):
+        models = theorems.sample_models(jax.random.key(int(seed)))
+        figures = {
+            "contraction": theorems.contraction_figure(theorems.contraction(models)),
+            "variance": theorems.variance_figure(
+                theorems.variances(models), theorems.variances(models, (0.1,), at_start=True)
+            ),
+        }
+    for name, figure in figures.items():
+        figure.savefig(folder / f"{name}.png", dpi=150)
+    print(f"Saved in {folder}.")
+    return 0
+
+
+def count_parameters(run_dir: Path) -> int:
+    """Return the number of parameters of one seed of a run."""
+    config = RunConfig.load(run_dir)
+    return sum(x.size for x in jax.tree.leaves(load(run_dir, config.seed).params))
+
+
+def show(results: list[Result]) -> None:
+    """Print the comparison."""
+    header, *rows = table(results)
+    printed = Table(*header)
+    for row in rows:
+        printed.add_row(*row)
+    Console().print(printed)
+
+
+TARGETS = {"compare": run_comparison, "theory": draw_theorems}

@@ -1,0 +1,163 @@
+"""Train an agent: `python train.py env=halfcheetah algo=mopg physics=native seeds=10`.
+
+Every setting is in configs/; `python train.py --help` lists them.
+"""
+
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+
+from hitmdp_jax.commands.settings import Settings, configs, folder_setting, guarded, run_config
+from hitmdp_jax.errors import UsageError, exit_with
+from hitmdp_jax.training.checkpoint import saved_iterations
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.folder import (
+    RUNS,
+    already_there,
+    claim,
+    is_finished,
+    newest,
+)
+from hitmdp_jax.training.host import set_up_host
+
+RESUMABLE = ("resume", "total_steps")  # what may stand on a command line that resumes a run
+DIVERGED = 3  # the exit code of a run in which a seed was lost
+
+
+def main() -> None:
+    """Run the command line."""
+    arguments = sys.argv[1:]
+    flags = [a for a in arguments if a.startswith("-")]
+    multirun = bool({"-m", "--multirun"} & set(flags))
+    try:
+        settings = Settings([a for a in arguments if not a.startswith("-")], multirun)
+        swept, overrides = settings.swept(), settings.overrides
+        if multirun:
+            overrides = overrides + [f"hydra.sweep.dir={_sweep_folder(settings)}"]
+        elif not flags:
+            guarded(lambda: train(settings.values(), [o.split("=")[0] for o in overrides]))
+    except UsageError as error:
+        exit_with(error)
+
+    codes = [0]
+
+    def job(values: DictConfig) -> None:
+        plain: Any = OmegaConf.to_container(values, resolve=True)
+        hydra_config = HydraConfig.get()
+        names = hydra_config.overrides.task
+        if swept:
+            label = ",".join(o for o in names if o.split("=")[0] in swept).replace("/", "-")
+            plain["run_dir"] = str(Path(hydra_config.sweep.dir) / label)
+            print(f"job {hydra_config.job.num + 1}: {label}", flush=True)
+        codes.append(train(plain, [o.split("=")[0] for o in names], go_on=bool(swept)))
+        if codes[-1] > 128:
+            sys.exit(codes[-1])  # who stops one job means the sweep
+
+    sys.argv = [sys.argv[0], *flags, *overrides]
+    run = hydra.main(version_base="1.3", config_path=str(configs()), config_name="config")(job)
+    guarded(lambda: run() or max(codes))
+
+
+def _sweep_folder(settings: Settings) -> Path:
+    """Return the folder of a sweep, having checked every job before the first one starts."""
+    given = {str(settings.values(job).get("run_dir")) for job in settings.jobs()}
+    for job in settings.jobs():
+        settings.config(job)
+    if len(given) > 1:
+        raise UsageError("run_dir names the folder of the whole sweep; it cannot be swept.")
+    return folder_setting(settings.values(settings.jobs()[0])) or (
+        RUNS / "sweeps" / time.strftime("%Y-%m-%d_%H-%M-%S")
+    )
+
+
+def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
+    """Train as the settings say; return the exit code.
+
+    Args:
+      values: every setting by name.
+      names: the settings that the command line names.
+      go_on: continue a run of the same settings where the folder holds one.
+
+    Raises:
+      UsageError: a setting or a folder is unusable.
+    """
+    run_dir, resume = folder_setting(values), folder_setting(values, "resume")
+    if resume is not None:
+        run_dir = newest() if str(resume) == "latest" else resume
+        config = _resumed(run_dir, names, values["total_steps"])
+    else:
+        config = run_config(values)
+        if go_on and run_dir is not None and already_there(run_dir, config):
+            resume = run_dir
+        else:
+            run_dir = claim(run_dir, config, values["overwrite"])
+    assert run_dir is not None
+    if resume is not None and is_finished(run_dir, config):
+        print(f"{run_dir} is finished: {config.last_iteration * config.steps_per_iteration:,} env "
+              "steps. A larger total_steps goes on.")
+        return 0
+    return _run(config, run_dir, resume=bool(resume and saved_iterations(run_dir)))
+
+
+def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
+    """Train, draw what was learned and say how it ended."""
+    from hitmdp_jax.analysis.figures import draw_figures
+    from hitmdp_jax.commands.evaluate import Evaluation
+    from hitmdp_jax.training import loop
+
+    set_up_host(config.physics, config.num_envs, config.seeds)
+    hooks = [Evaluation(config, run_dir)] if config.eval_every else []
+    try:
+        outcome = loop.run(config, run_dir, resume=resume, hooks=hooks)
+    except loop.Interrupted as stop:
+        print(f"Stopped before the first iteration; nothing to save in {run_dir}.", flush=True)
+        os._exit(128 + stop.signum)  # the compiler's thread cannot be stopped otherwise
+    where = f"Stopped at {outcome.env_steps:,} env steps, saved"
+    print(f"{where if outcome.signum else 'Saved'} in {run_dir}.")
+    if outcome.failure:
+        raise UsageError(f"The last state is not saved: {outcome.failure}")
+    draw_figures(run_dir, config.title, config.switch_at)
+    for seed, (iteration, cause) in outcome.diverged.items():
+        print(
+            f"seed {seed} diverged at iteration {iteration}: its {cause} were no longer finite; it "
+            "keeps what it had learned before.",
+            file=sys.stderr,
+        )
+    if outcome.signum:
+        print(f"resume={run_dir} goes on exactly from there.")
+        return 128 + outcome.signum
+    return DIVERGED if outcome.diverged else 0
+
+
+def _resumed(run_dir: Path, names: list[str], total_steps: Any) -> RunConfig:
+    """Return the settings a resumed run goes on with."""
+    for name in names:
+        if name not in RESUMABLE and not name.startswith("hydra"):
+            raise UsageError(
+                f"resume={run_dir} goes on with the run's own settings; only total_steps can be "
+                f"changed, not '{name}'."
+            )
+    config = RunConfig.load(run_dir)
+    if config.env is None:
+        raise UsageError(f"'{run_dir}' was saved from Python and names no task to go on with.")
+    if "total_steps" not in names:
+        return config
+    changed = RunConfig.from_mapping(config.to_dict() | {"total_steps": total_steps})
+    if config.second_env is not None and changed.iterations != config.iterations:
+        raise UsageError(
+            f"'{run_dir}' is a transfer, whose total_steps = {config.total_steps:,} say when it "
+            "goes over to its second task; they cannot be changed."
+        )
+    done = max(saved_iterations(run_dir), default=0)
+    if changed.iterations < done:
+        raise UsageError(
+            f"total_steps = {changed.total_steps:,} is less than the "
+            f"{done * config.steps_per_iteration:,} that '{run_dir}' has done."
+        )
+    return changed

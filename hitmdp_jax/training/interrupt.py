@@ -1,0 +1,83 @@
+"""Stopping a run by a signal: politely at the first one, at once at the second."""
+
+import os
+import signal
+import threading
+from collections.abc import Callable
+from types import FrameType
+from typing import Any, TypeVar
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+Result = TypeVar("Result")
+
+
+class Interrupted(Exception):  # noqa: N818: a request, not an error
+    """The run was asked to stop while there was nothing to save yet."""
+
+    def __init__(self, signum: int):
+        super().__init__(signum)
+        self.signum = signum
+
+
+class StopRequest:
+    """Turns the first SIGINT, SIGTERM or SIGHUP into a request; a second one kills.
+
+    A context: handlers are in place inside it. Where the caller has a signal ignored (`nohup`), or
+    outside the main thread, things stay as they are.
+    """
+
+    def __init__(self) -> None:
+        self.signum: int | None = None  # the signal that asked
+        self._previous: dict[int, Any] = {}
+
+    @property
+    def requested(self) -> bool:
+        """Whether the run should end."""
+        return self.signum is not None
+
+    def __enter__(self) -> "StopRequest":
+        if threading.current_thread() is threading.main_thread():
+            for signum in SIGNALS:
+                if signal.getsignal(signum) is not signal.SIG_IGN:
+                    self._previous[signum] = signal.signal(signum, self._request)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for signum, handler in self._previous.items():
+            signal.signal(signum, handler)
+
+    def _request(self, signum: int, frame: FrameType | None) -> None:
+        self.signum = signum
+        for other in self._previous:
+            signal.signal(other, signal.SIG_DFL)
+        # Not print: the signal may have come in the middle of one.
+        os.write(2, b"\nStopping after this iteration, to save. Once more stops at once.\n")
+
+    def wait_for(self, function: Callable[[], Result]) -> Result:
+        """Run a function that may take long and cannot stop, such as a compilation.
+
+        It runs in a thread of its own, since Python hears signals in the main thread alone, and not
+        while that is inside of a compiler.
+
+        Raises:
+          Interrupted: the request came first. The thread is left behind: end the process.
+        """
+        if threading.current_thread() is not threading.main_thread():
+            return function()
+        outcome: dict[str, Any] = {}
+
+        def work() -> None:
+            try:
+                outcome["result"] = function()
+            except BaseException as error:
+                outcome["error"] = error
+
+        thread = threading.Thread(target=work, daemon=True)
+        thread.start()
+        while thread.is_alive():
+            thread.join(0.1)
+            if self.signum is not None and thread.is_alive():
+                raise Interrupted(self.signum)
+        if "error" in outcome:
+            raise outcome["error"]
+        return outcome["result"]

@@ -1,0 +1,64 @@
+"""What every place that metrics go to has in common."""
+
+import sys
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+
+Values = dict[str, np.ndarray]  # metric -> [S] or [S, K]; NaN where a seed has none
+
+
+class Sink(Protocol):
+    """A place that metrics go to."""
+
+    name: str
+
+    def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
+        """Take the metrics of one report, which ends with `iteration`, counted from 1."""
+        ...
+
+    def close(self) -> None:
+        """Finish writing."""
+        ...
+
+
+class Sinks:
+    """Several sinks as one. A failing one is told once and left out; training goes on."""
+
+    name = "all"
+
+    def __init__(self, *sinks: Sink):
+        self._sinks = list(sinks)
+
+    def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
+        """Hand the metrics on."""
+        for sink in list(self._sinks):
+            try:
+                sink.write(iteration, env_steps, metrics)
+            except Exception as error:  # a full disk, a closed terminal, a server that is gone
+                self._leave_out(sink, error)
+
+    def close(self) -> None:
+        """Close every sink."""
+        for sink in list(self._sinks):
+            try:
+                sink.close()
+            except Exception as error:
+                self._leave_out(sink, error)
+
+    def _leave_out(self, sink: Sink, error: Exception) -> None:
+        self._sinks.remove(sink)
+        print(
+            f"warning: {sink.name} takes no more metrics: {error or type(error).__name__}",
+            file=sys.stderr,
+        )
+
+
+def columns(metrics: Values) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield each metric as columns [S]: vectors [S, K] become `name_0`, `name_1`, ..."""
+    for name, x in metrics.items():
+        if x.ndim == 1:
+            yield name, x
+        else:
+            yield from ((f"{name}_{k}", x[:, k]) for k in range(x.shape[1]))

@@ -1,0 +1,36 @@
+"""TensorBoard events: the mean over seeds of every metric, and its deviation."""
+
+from pathlib import Path
+
+import numpy as np
+from tensorboardX import SummaryWriter
+
+from hitmdp_jax.training.sinks.base import Values, columns
+
+
+class TensorboardSink:
+    """Writes events beside metrics.csv, at environment steps of one seed.
+
+    Args:
+      run_dir: the run's folder.
+      resume_after: environment steps whose points stay; later ones of an earlier process do not.
+    """
+
+    name = "TensorBoard"
+
+    def __init__(self, run_dir: Path, resume_after: int = 0):
+        purge = resume_after + 1 if resume_after else None
+        self._events = SummaryWriter(str(run_dir), purge_step=purge)
+
+    def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
+        """Add a point to each curve."""
+        for name, x in columns(metrics):
+            known = x[~np.isnan(x)]
+            if known.size:
+                self._events.add_scalar(f"{name}/mean", known.mean(), env_steps)
+                if len(x) > 1:
+                    self._events.add_scalar(f"{name}/std", known.std(), env_steps)
+
+    def close(self) -> None:
+        """Flush the events."""
+        self._events.close()

@@ -1,0 +1,139 @@
+"""What a run shows on a terminal while it goes on."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from hitmdp_jax.learning.options import mean_duration
+from hitmdp_jax.training.program import RECENT_EPISODES
+from hitmdp_jax.training.sinks.base import Values
+
+WINDOW = 20  # reports that the shown means span, but for the return, which says its own
+PLAIN_INTERVAL = 10.0  # seconds between lines where there is no terminal
+PARTS = (("KL", "_kl"), ("clipped", "_clip_fraction"), ("entropy", "_entropy"))
+
+
+class TerminalSink:
+    """Shows progress, speed and what is being learned; a line a record where nobody looks on.
+
+    Args:
+      total_steps: environment steps of one seed.
+      done_steps: of these, how many an earlier process did.
+    """
+
+    name = "the terminal"
+
+    def __init__(self, total_steps: int, done_steps: int = 0):
+        self._console = Console(highlight=False, soft_wrap=True)
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=None),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            console=self._console,
+            expand=True,
+        )
+        self._task = self._progress.add_task("env steps", total=total_steps, completed=done_steps)
+        self._recent: deque[Values] = deque(maxlen=WINDOW)
+        self._live = Live(console=self._console, refresh_per_second=4, auto_refresh=False)
+        self._last_line = 0.0
+        self._total_steps = total_steps
+
+    def message(self, text: str) -> None:
+        """Print a line."""
+        self._console.print(text, soft_wrap=True)
+
+    @contextmanager
+    def compiling(self) -> Iterator[None]:
+        """Say that the program is being compiled, with a clock."""
+        start = time.monotonic()
+        if not self._console.is_terminal:
+            self.message("compiling ...")
+            yield
+        else:
+            self._live.stop()
+            with self._console.status("compiling") as status, _clock(status, start):
+                yield
+        self.message(f"compiled in {time.monotonic() - start:.0f} s")
+
+    def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
+        """Show the metrics of the report that reached `env_steps`."""
+        self._recent.append(metrics)
+        if self._console.is_terminal:
+            self._live.start()
+            self._progress.update(self._task, completed=env_steps)
+            self._live.update(Group(self._progress, self._table()), refresh=True)
+        elif time.monotonic() - self._last_line > PLAIN_INTERVAL or env_steps == self._total_steps:
+            self._last_line = time.monotonic()
+            facts = "  ".join(f"{name} {value}" for name, value in self._facts())
+            self.message(f"{env_steps:,} of {self._total_steps:,} env steps  {facts}")
+
+    def close(self) -> None:
+        """Leave the last picture standing."""
+        self._live.stop()
+
+    def _table(self) -> Table:
+        table = Table.grid(padding=(0, 2))
+        for name, value in self._facts():
+            table.add_row(name, value)
+        return table
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """Return what is shown: means over the last reports and all seeds."""
+        newest = self._recent[-1]
+        facts = [("steps/s", f"{self._mean('steps_per_second').sum():,.0f}")]
+        returns = newest["recent_return"]
+        known = returns[~np.isnan(returns)]
+        if known.size:
+            spread = f" ± {known.std():,.1f} over {known.size} seeds" if known.size > 1 else ""
+            facts.append((f"return of the last {RECENT_EPISODES} episodes", f"{known.mean():,.1f}{spread}"))
+        if "option_steps" in newest:
+            steps = np.nansum([np.nansum(m["option_steps"], axis=0) for m in self._recent], axis=0)
+            activations = np.nansum([np.nansum(m["option_activations"]) for m in self._recent])
+            usage = " ".join(f"{share:.0%}" for share in steps / max(steps.sum(), 1))
+            duration = mean_duration(steps.sum(), activations)
+            facts += [("option usage", usage), ("option duration", f"{duration:.1f} steps")]
+        for label, suffix in PARTS:
+            means = {n: self._mean(n) for n in newest if n.endswith(suffix)}
+            parts = [f"{n.removesuffix(suffix)} {np.nanmean(x):.3f}" for n, x in means.items()
+                     if not np.isnan(x).all()]
+            if parts:
+                facts.append((label, ", ".join(parts)))
+        for name, what in (("unstable", "unstable physics"), ("diverged", "diverged seeds")):
+            count = newest.get(name, np.zeros(1)).sum() if name == "diverged" else np.nansum(self._mean(name)) if name in newest else 0
+            if count:
+                facts.append((what, f"{count:.3g}"))
+        return facts
+
+    def _mean(self, name: str) -> np.ndarray:
+        """Return a metric's mean [S] over the last reports that know it."""
+        stacked = np.stack([m[name] for m in self._recent if name in m])
+        known = ~np.isnan(stacked)
+        total = np.where(known, stacked, 0.0).sum(0)
+        return np.where(known.any(0), total / np.maximum(known.sum(0), 1), np.nan)
+
+
+@contextmanager
+def _clock(status, start: float) -> Iterator[None]:
+    """Count the seconds in a status line meanwhile."""
+    done = threading.Event()
+
+    def tick() -> None:
+        while not done.wait(0.5):
+            status.update(f"compiling, {time.monotonic() - start:.0f} s")
+
+    thread = threading.Thread(target=tick, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()

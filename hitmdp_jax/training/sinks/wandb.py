@@ -1,0 +1,70 @@
+"""Weights & Biases: one run of theirs for the program, or one for each seed."""
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hitmdp_jax.errors import missing_extra
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.sinks.base import Values, columns
+
+
+def require_wandb() -> None:
+    """Check that the client is installed.
+
+    Raises:
+      UsageError: it is not.
+    """
+    if importlib.util.find_spec("wandb") is None:
+        raise missing_extra("wandb", "wandb=program or wandb=seed")
+
+
+class WandbSink:
+    """Logs to Weights & Biases; `WANDB_MODE=offline` keeps everything in the run's folder.
+
+    Args:
+      run_dir: the run's folder, whose name groups the runs.
+      config: the run's settings. `wandb` is "program" (means over seeds) or "seed".
+    """
+
+    name = "Weights & Biases"
+
+    def __init__(self, run_dir: Path, config: RunConfig):
+        import wandb
+
+        self._by_seed = config.wandb == "seed"
+        seeds = range(config.seed, config.seed + config.seeds) if self._by_seed else [None]
+        folder = run_dir.absolute()
+
+        def begin(seed: int | None) -> Any:
+            name = folder.name if seed is None else f"{folder.name}-seed{seed}"
+            return wandb.init(
+                project="hitmdp_jax",
+                dir=str(folder),
+                name=name,
+                id=f"{folder.parent.parent.name}-{folder.parent.name}-{name}".replace("/", "-"),
+                group=folder.name,
+                config=config.to_dict(),
+                resume="allow",
+                reinit="create_new",
+            )
+
+        self._runs = [begin(seed) for seed in seeds]
+
+    def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
+        """Log what is known."""
+        for i, run in enumerate(self._runs):
+            points = {}
+            for name, x in columns(metrics):
+                known = x[i : i + 1] if self._by_seed else x
+                known = known[~np.isnan(known)]
+                if known.size:
+                    points[name] = float(known.mean())
+            run.log(points, step=env_steps)
+
+    def close(self) -> None:
+        """Finish the runs."""
+        for run in self._runs:
+            run.finish(quiet=True)

@@ -1,0 +1,278 @@
+"""`train.py` as a user runs it."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from hitmdp_jax.training.checkpoint import Checkpoints, saved_iterations
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.run import Run
+from tests.commands.conftest import CHECKOUT, QUICK, rows_of, wait_for_rows
+
+
+def restore(run_dir):
+    checkpoints = Checkpoints(run_dir, read_only=True)
+    try:
+        return Run.create(RunConfig.load(run_dir)).restore(checkpoints)
+    finally:
+        checkpoints.close()
+
+
+def assert_same_run(one, other):
+    """Equal to the last bit of every parameter, and row by row but for the speed."""
+    states = []
+    for folder in (one, other):
+        state = restore(folder).state
+        states.append(state.replace(key=jax.random.key_data(state.key)))
+    jax.tree.map(np.testing.assert_array_equal, *states)
+    without_speed = [
+        [{k: v for k, v in row.items() if k != "steps_per_second"} for row in rows_of(folder)]
+        for folder in (one, other)
+    ]
+    assert without_speed[0] == without_speed[1]
+
+
+def test_a_run_leaves_what_it_promises(finished):
+    run_dir, result = finished
+    lines = result.stdout.splitlines()
+    assert lines[0] == "mopg on invertedpendulum, physics native on 2 × CPU, 16 envs × 2 seeds"
+    assert lines[1] == "compiling ..."
+    assert lines[-1] == f"Saved in {run_dir}."
+    assert all("\n" not in line for line in lines if "env steps" in line)
+    names = {p.name for p in run_dir.iterdir()}
+    expected = {"config.yaml", "metrics.csv", "evaluations.csv", "checkpoints", "figures"}
+    assert expected <= names
+    assert any(name.startswith("events.out.tfevents") for name in names)
+    figures = {p.name for p in (run_dir / "figures").iterdir()}
+    assert figures == {"learning_curve.png", "option_durations.png"}
+    rows = rows_of(run_dir)
+    assert len(rows) == 2 * 4
+    assert rows[-1]["env_steps"] == "8192"
+    assert [row["seed"] for row in rows[:2]] == ["3", "4"]
+    assert [bool(row["evaluation_return"]) for row in rows[::2]] == [False, True, False, True]
+    evaluations = rows_of(run_dir, "evaluations.csv")
+    assert [(e["iteration"], e["seed"]) for e in evaluations] == [
+        ("2", "3"), ("2", "4"), ("4", "3"), ("4", "4")
+    ]  # fmt: skip
+    assert float(evaluations[-1]["return"]) == pytest.approx(
+        float(rows[-1]["evaluation_return"]), rel=1e-4
+    )
+
+
+def test_the_default_folder_names_env_algorithm_and_time_and_is_taken_once(command, tmp_path):
+    arguments = (*QUICK, "total_steps=2048")
+    for _ in range(2):
+        assert command("train", *arguments, cwd=tmp_path).returncode == 0
+    (folder,) = (tmp_path / "runs" / "invertedpendulum").iterdir()
+    assert folder.name == "ppo"
+    assert len(list(folder.iterdir())) == 2
+    again = command("train", "resume=latest", cwd=tmp_path)
+    assert again.returncode == 0
+    assert "is finished: 2,048 env steps" in again.stdout
+    assert not (tmp_path / "multirun.yaml").exists()
+
+
+def test_resuming_continues_exactly(command, finished, tmp_path):
+    """8192 steps and 8192 more equal 16384 at once."""
+    run_dir = shutil.copytree(finished[0], tmp_path / "run")
+    whole = tmp_path / "whole"
+    settings = ("env=invertedpendulum", "physics=native", "algo.num_epochs=1", "seeds=2", "seed=3")
+    settings += ("eval_every=4096", "eval_episodes=2", "total_steps=16384", f"run_dir={whole}")
+    assert command("train", *settings).returncode == 0
+    result = command("train", f"resume={run_dir}", "total_steps=16384")
+    assert result.returncode == 0, result.stderr
+    assert restore(run_dir).iteration == 8
+    assert_same_run(whole, run_dir)
+    events = EventAccumulator(str(run_dir)).Reload().Scalars("value/mean")
+    assert [event.step for event in events] == [2048 * i for i in range(1, 9)]
+
+
+def test_a_finished_run_says_so(command, finished):
+    before = sorted(finished[0].rglob("*"))
+    result = command("train", f"resume={finished[0]}")
+    assert result.returncode == 0
+    assert result.stdout.startswith(f"{finished[0]} is finished: 8,192 env steps.")
+    assert sorted(finished[0].rglob("*")) == before
+
+
+@pytest.mark.timeout(300)
+def test_a_transfer_switches_tasks_and_resumes_on_either_side(command, tmp_path):
+    """Two seeds, so that a state restored at the switch has to find its two devices."""
+    pair = ("experiment=transfer", "pair=cartpole", "algo=ppo", "physics=native", "seeds=2")
+    settings = (*pair, "algo.num_epochs=1", "total_steps=4096", "checkpoint_steps=2048")
+    whole = tmp_path / "whole"
+    result = command("train", *settings, f"run_dir={whole}")
+    assert result.returncode == 0, result.stderr
+    assert "ppo on dmc/cartpole_balance, then dmc/cartpole_balance_sparse" in result.stdout
+    steps = [row["env_steps"] for row in rows_of(whole)[::2]]
+    assert steps == ["2048", "4096", "6144", "8192"]
+    assert restore(whole).task == 1
+    for last in (2, 3):  # at the switch, and past it
+        part = shutil.copytree(whole, tmp_path / f"until_{last}")
+        for iteration in saved_iterations(part):
+            if iteration > last:
+                shutil.rmtree(part / "checkpoints" / str(iteration))
+        again = command("train", f"resume={part}")
+        assert again.returncode == 0, again.stderr
+        assert_same_run(whole, part)
+    moved = command("train", f"resume={whole}", "total_steps=8192")
+    assert moved.returncode == 2
+    assert "they cannot be changed" in moved.stderr
+
+
+@pytest.mark.timeout(300)
+def test_ten_seeds_finish(command, tmp_path):
+    """Batched factorisations and two devices once hung for ever on two cores."""
+    arguments = (*QUICK[:2], "algo.num_epochs=1", "seeds=10", "total_steps=4096")
+    result = command("train", *arguments, f"run_dir={tmp_path / 'run'}")
+    assert result.returncode == 0, result.stderr
+    assert len(rows_of(tmp_path / "run")) == 10 * 2
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    ("signum", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
+def test_a_signal_saves_what_was_learned(start, tmp_path, signum, code):
+    run_dir = tmp_path / "run"
+    process = start("train", *QUICK, "total_steps=1e9", f"run_dir={run_dir}")
+    wait_for_rows(process, run_dir, 3)
+    process.send_signal(signum)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == code, err
+    assert "Stopped at" in out
+    assert f"resume={run_dir}" in out
+    assert "Traceback" not in err
+    steps = int(rows_of(run_dir)[-1]["env_steps"])
+    assert max(saved_iterations(run_dir)) * 2048 == steps
+
+
+def test_a_second_signal_stops_at_once(start, tmp_path):
+    run_dir = tmp_path / "run"
+    settings = (*QUICK, "total_steps=1e9", "checkpoint_steps=2048", f"run_dir={run_dir}")
+    process = start("train", *settings)
+    wait_for_rows(process, run_dir, 4)
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=10)
+    assert process.returncode in (-signal.SIGTERM, -signal.SIGINT, 130)
+    assert restore(run_dir).iteration >= 1
+
+
+def test_a_signal_while_compiling_is_heard(start, tmp_path):
+    process = start("train", "env=walker2d", "algo=ppo", f"run_dir={tmp_path / 'run'}")
+    assert "ppo on walker2d" in process.stdout.readline()
+    assert process.stdout.readline() == "compiling ...\n"
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=15)
+    assert process.returncode == 130, err
+    assert "Stopped before the first iteration" in out
+
+
+def test_a_seed_that_diverges_is_frozen_and_told(command, tmp_path):
+    """A huge learning rate: the parameters overflow in the first iteration."""
+    run_dir = tmp_path / "run"
+    arguments = (*QUICK, "seeds=2", "total_steps=6144", "algo.learning_rate=1e38")
+    result = command("train", *arguments, f"run_dir={run_dir}")
+    assert result.returncode == 3, result.stderr
+    assert "seed 0 diverged at iteration 1" in result.stderr
+    rows = rows_of(run_dir)
+    assert [row["diverged"] for row in rows] == ["1"] * 6
+    assert all(row["value_loss"] == "" for row in rows)
+    state = restore(run_dir).state
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(state.learner.params))
+
+
+def test_a_run_is_not_overwritten_unless_asked(command, tmp_path):
+    run_dir = tmp_path / "run"
+    arguments = (*QUICK, f"run_dir={run_dir}")
+    assert command("train", *arguments, "total_steps=4096").returncode == 0
+    refused = command("train", *arguments, "total_steps=2048")
+    assert refused.returncode == 2
+    assert "holds a run already: resume=" in refused.stderr
+    assert saved_iterations(run_dir) == [2]
+    assert command("train", *arguments, "total_steps=2048", "overwrite=true").returncode == 0
+    assert saved_iterations(run_dir) == [1]
+    assert len(rows_of(run_dir)) == 1
+
+
+def test_a_sweep_checks_every_job_first_and_resumes(command, tmp_path):
+    arguments = ("-m", *QUICK, "total_steps=2048", f"run_dir={tmp_path / 'sweep'}")
+    wrong = command("train", *arguments, "algo.learning_rate=1e-4,abc")
+    assert wrong.returncode == 2
+    assert "algo.learning_rate = abc must be a number" in wrong.stderr
+    assert not (tmp_path / "sweep").exists()
+    right = command("train", *arguments, "algo.learning_rate=1e-4,1e-3")
+    assert right.returncode == 0, right.stderr
+    folders = {p.name for p in (tmp_path / "sweep").iterdir() if p.is_dir()}
+    assert folders == {"algo.learning_rate=1e-4", "algo.learning_rate=1e-3"}
+    assert "job 2: algo.learning_rate=1e-3" in right.stdout
+    again = command("train", *arguments, "algo.learning_rate=1e-4,1e-3,3e-3")
+    assert again.stdout.count("is finished") == 2
+    assert (tmp_path / "sweep" / "algo.learning_rate=3e-3" / "metrics.csv").exists()
+
+
+def test_own_task_and_algorithm_train_resume_evaluate_and_load(command, tmp_path):
+    task = CHECKOUT / "examples" / "own_task.py"
+    algo = CHECKOUT / "examples" / "own_algorithm.py"
+    names = {}
+    for path in (task, algo):
+        shutil.copy(path, tmp_path / path.name)
+        names[path] = f"{path.name}:{_class_in(path)}"
+    run_dir = tmp_path / "run"
+    settings = (f"env={names[task]}", f"algo={names[algo]}", "physics=native", "total_steps=2048")
+    result = command("train", *settings, f"run_dir={run_dir}", "algo.gamma=0.9", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert RunConfig.load(run_dir).algo["gamma"] == 0.9
+    resumed = command("train", f"resume={run_dir}", "total_steps=4096")  # from another folder
+    assert resumed.returncode == 0, resumed.stderr
+    scored = command("evaluate", run_dir, "--episodes", "2", "--json")
+    assert scored.returncode == 0, scored.stderr
+    assert len(json.loads(scored.stdout)) == 1
+    wrong = command("train", f"env={task}:Nothing")
+    assert wrong.returncode == 2
+    assert "Unknown class of" in wrong.stderr
+
+
+def _class_in(path):
+    """Return the name of the class that an example's first line names."""
+    lines = path.read_text().splitlines()
+    return next(x.split()[1].split("(")[0].strip(":") for x in lines if x.startswith("class "))
+
+
+def test_errors_of_a_users_own_code_keep_their_traceback(command, tmp_path):
+    (tmp_path / "broken.py").write_text("import nothing_of_that_name\n")
+    result = command("train", "env=broken.py:Task", cwd=tmp_path)
+    assert result.returncode == 1
+    assert "Traceback" in result.stderr
+    assert "No module named 'nothing_of_that_name'" in result.stderr
+
+
+def test_only_the_cores_of_this_process_become_devices(environment, tmp_path):
+    code = (
+        "from hitmdp_jax.training.host import set_up_host; import jax; set_up_host('native', 16);"
+        "print(jax.local_device_count())"
+    )
+    command = ["taskset", "-c", "0", sys.executable, "-c", code]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert result.stdout == "1\n", result.stderr
+
+
+def test_importing_is_quick_silent_and_free_of_effects():
+    code = (
+        "import os, time; before = dict(os.environ); start = time.process_time();"
+        "import hitmdp_jax; seconds = time.process_time() - start;"
+        "import jax._src.xla_bridge as bridge;"
+        "assert not bridge._backends, 'a device was touched';"
+        "assert dict(os.environ) == before; assert seconds < 4, seconds"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout == ""
