@@ -31,7 +31,7 @@ import hitmdp_jax
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.envs.physics import PhysicsChoice
 from hitmdp_jax.envs.physics.mjx import MjxPhysics
-from hitmdp_jax.envs.wrappers import VectorEnv, VectorState
+from hitmdp_jax.envs.vector import VectorEnv, VectorState
 from hitmdp_jax.training.host import set_up_host
 
 ENGINES = ("raw", "native", "native+resets", "envpool", "mjx", "mjx-full", "brax")

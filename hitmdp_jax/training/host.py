@@ -6,7 +6,7 @@ from pathlib import Path
 
 import jax
 
-from hitmdp_jax.envs.wrappers import RESET_CHUNK
+from hitmdp_jax.envs.vector import RESET_CHUNK
 from hitmdp_jax.training.sweep import num_shards
 
 CACHE = Path.home() / ".cache" / "hitmdp_jax"

@@ -10,7 +10,7 @@ from brax.training.acme import running_statistics
 from flax import struct
 
 from hitmdp_jax.agents.base import Agent, LearnerState, Metrics, check_hyperparameters
-from hitmdp_jax.envs.wrappers import Step, VectorEnv
+from hitmdp_jax.envs.vector import Step, VectorEnv
 from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.learning.rollout import RolloutState, collect
 
