@@ -1,19 +1,16 @@
 """How a command line sets JAX up on its machine, before the first computation."""
 
-import math
 import os
 from pathlib import Path
 
 import jax
 
+from hitmdp_jax.envs.physics import ENGINES
 from hitmdp_jax.envs.vector import RESET_CHUNK
 from hitmdp_jax.training.sweep import num_shards
 
 CACHE = Path.home() / ".cache" / "hitmdp_jax"
 THREADS_PER_CORE = 4
-# Rows that one device may step at once without blocking a thread: Cholesky factorisations that XLA
-# does not divide among threads; states of a humanoid in the 100 KiB that it copies at once.
-SAFE_ROWS = {"mjx": 64, "warp": 64, "native": 256}
 
 
 def set_up_host(physics: str, num_envs: int, seeds: int = 1) -> None:
@@ -35,5 +32,6 @@ def set_up_host(physics: str, num_envs: int, seeds: int = 1) -> None:
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         jax.config.update("jax_compilation_cache_dir", str(CACHE))
     seeds_together = seeds // num_shards(seeds, cores)
-    if max(num_envs, RESET_CHUNK) * seeds_together > SAFE_ROWS.get(physics, math.inf):
+    safe_rows = ENGINES[physics].safe_rows if physics in ENGINES else None  # Gymnasium's is none
+    if safe_rows is not None and max(num_envs, RESET_CHUNK) * seeds_together > safe_rows:
         os.environ.setdefault("NPROC", str(THREADS_PER_CORE * cores))

@@ -1,7 +1,5 @@
 """One run from settings to files: the host's side of training."""
 
-import functools
-import os
 import signal
 import time
 from collections import deque
@@ -20,7 +18,7 @@ from hitmdp_jax.agents.base import Metrics
 from hitmdp_jax.analysis.figures import draw_figures
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.base import MujocoEnv
-from hitmdp_jax.envs.physics.native import NativePhysics
+from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.envs.physics.speed import native_speed
 from hitmdp_jax.training.checkpoint import Checkpoints
 from hitmdp_jax.training.config import RunConfig
@@ -127,12 +125,8 @@ def programs(
 
 
 def make_task(config: RunConfig, task: dict[str, Any], num_devices: int) -> Env:
-    """Make an environment of the run; native physics shares the cores out among the devices."""
-    physics = config.physics
-    if physics == "native":
-        threads = max(1, (os.cpu_count() or 1) // num_devices)
-        physics = functools.partial(NativePhysics, num_threads=threads)
-    return make_env(**task, physics=physics)
+    """Make an environment of the run; its engine takes one device's share of the cores."""
+    return make_env(**task, physics=find_engine(config.physics).shared(num_devices))
 
 
 def seed_keys(config: RunConfig) -> jax.Array:
