@@ -6,17 +6,17 @@ restarts finished episodes, and so does `native+resets`, through `VectorEnv`; `m
 with the model's own solver budget; `brax` is Brax's own `mjx` back end. The others go on from
 wherever random actions lead. All step 256 environments inside one compiled scan. Each engine has a
 process of its own; they take turns, and the table shows each one's median turn, because a machine
-is rarely as fast now as a minute ago. `--memory` instead prints the peak memory of stepping 4096
-HalfCheetahs.
+is rarely as fast now as a minute ago. Below the row it says why an engine failed, if one did.
+`--memory` instead prints the peak memory of stepping 4096 HalfCheetahs.
 """
 
 import argparse
 import json
 import math
-import os
 import resource
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from typing import Any
@@ -29,9 +29,9 @@ from mujoco.batch import Batch
 
 import hitmdp_jax
 from hitmdp_jax.envs.base import MujocoEnv
-from hitmdp_jax.envs.physics import PhysicsChoice
-from hitmdp_jax.envs.physics.mjx import MjxPhysics
-from hitmdp_jax.envs.wrappers import VectorEnv, VectorState
+from hitmdp_jax.envs.physics import MjxEngine, PhysicsChoice
+from hitmdp_jax.envs.vector import VectorEnv, VectorState
+from hitmdp_jax.machine import available_cores
 from hitmdp_jax.training.host import set_up_host
 
 ENGINES = ("raw", "native", "native+resets", "envpool", "mjx", "mjx-full", "brax")
@@ -106,7 +106,7 @@ def scan_with_resets(env: MujocoEnv, controls: Any) -> Callable[[], Any]:
 def raw_batch(name: str, num_envs: int) -> Callable[[], Any]:
     """Return `Batch.step` from the same states and under the same actions as `native`."""
     env = task(name, "native")
-    batch = Batch(env.model, num_envs)
+    batch = Batch(env.model, num_envs, nthread=available_cores())
     # DeepMind Control reads fields at the state after the step.
     stage = mujoco.mjtStage.mjSTAGE_VEL if name.startswith("dmc/") else mujoco.mjtStage.mjSTAGE_NONE
     keys = jax.random.split(jax.random.key(0), num_envs)
@@ -129,7 +129,7 @@ def envpool_scan(name: str, num_envs: int) -> Callable[[], Any]:
     jax.config.update("jax_enable_x64", True)
     gym_name = f"{type(task(name, 'native')).__name__}-v4"
     env = envpool.make(
-        gym_name, env_type="gymnasium", num_envs=num_envs, num_threads=os.cpu_count()
+        gym_name, env_type="gymnasium", num_envs=num_envs, num_threads=available_cores()
     )
     handle, _, _, step = env.xla()
     env.reset()
@@ -158,8 +158,12 @@ def prepare(name: str, engine: str, num_envs: int) -> Callable[[], Any]:
         return raw_batch(name, num_envs)
     if engine == "envpool":
         return envpool_scan(name, num_envs)
-    choices: dict[str, PhysicsChoice] = {"native+resets": "native", "mjx-full": MjxPhysics}
-    ours = task(name, choices.get(engine, "mjx" if engine == "brax" else engine))
+    choices: dict[str, PhysicsChoice] = {
+        "native+resets": "native",
+        "mjx-full": MjxEngine(full_budget=True),
+        "brax": "mjx",
+    }
+    ours = task(name, choices.get(engine, engine))
     controls = actions(ours, num_envs)
     if engine == "native+resets":
         return scan_with_resets(ours, controls)
@@ -185,14 +189,15 @@ class Worker:
     """`serve` in a process of its own."""
 
     def __init__(self, *arguments: Any):
+        self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 # `close` closes it
         command = [sys.executable, __file__, "--serve", json.dumps(arguments)]
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(
-            command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True
+            command, stdin=pipe, stdout=pipe, stderr=self._errors, text=True
         )
 
     def measure(self, seconds: float) -> float:
-        """Return environment steps a second; NaN where the engine lacks the task."""
+        """Return environment steps a second; NaN once the process has failed."""
         stdin, stdout = self._process.stdin, self._process.stdout
         assert stdin is not None
         assert stdout is not None
@@ -202,9 +207,14 @@ class Worker:
         except BrokenPipeError:
             return math.nan
 
-    def close(self) -> None:
-        """End the process."""
+    def close(self) -> str:
+        """End the process; return the last line of its complaint where it failed, else nothing."""
         self._process.communicate()
+        with self._errors:
+            self._errors.seek(0)
+            lines = self._errors.read().split("\n")
+        said = [line for line in lines if line.strip()] or ["it says nothing"]
+        return said[-1] if self._process.returncode else ""
 
 
 def main() -> None:
@@ -236,10 +246,12 @@ def main() -> None:
         for worker in workers:
             worker.measure(0.1)  # once all have compiled, none disturbs the others
         turns = [[w.measure(options.seconds) for w in workers] for _ in range(options.turns)]
-        for worker in workers:
-            worker.close()
+        failures = [worker.close() for worker in workers]
         cells = "".join(f"{speed:15,.0f}" for speed in np.median(turns, axis=0))
         print(f"{name:24}{cells}", flush=True)
+        for engine, failure in zip(options.engines, failures, strict=True):
+            if failure:
+                print(f"  {engine} failed: {failure}", flush=True)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from omegaconf import OmegaConf
 
 from hitmdp_jax.agents import Agent
 from hitmdp_jax.envs.physics.speed import native_speed
-from hitmdp_jax.envs.wrappers import VectorEnv
+from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.learning.rollout import collect
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.host import set_up_host

@@ -44,7 +44,9 @@ def load_class(name: str) -> type[Any]:
     module = _load(file.resolve())
     found = getattr(module, class_name, None)
     if not isinstance(found, type):
-        own = [n for n, x in vars(module).items() if getattr(x, "__module__", "") == module.__name__]
+        own = [
+            n for n, x in vars(module).items() if getattr(x, "__module__", "") == module.__name__
+        ]
         classes = [n for n in own if isinstance(getattr(module, n), type)]
         raise unknown_name(f"class of {path}", class_name, classes)
     return found
@@ -54,7 +56,8 @@ def load_class(name: str) -> type[Any]:
 def _load(path: Path) -> ModuleType:
     # One module a file: a class loaded twice would be two classes, and compile twice.
     spec = importlib.util.spec_from_file_location(f"hitmdp_jax_own.{path.stem}", path)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look their module up
     spec.loader.exec_module(module)

@@ -9,7 +9,7 @@ import numpy as np
 from brax.envs.base import Env
 
 from hitmdp_jax.envs import check_env, make_env
-from hitmdp_jax.envs.wrappers import VectorEnv
+from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.learning.rollout import observation_of
 from hitmdp_jax.training.config import RunConfig

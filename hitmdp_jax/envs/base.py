@@ -1,27 +1,17 @@
 """`MujocoEnv`: a task written once as pure functions of the physics it reads."""
 
 import abc
+import copy
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import mujoco
 from brax.envs.base import Env, State
 
-from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState, make_physics
+from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState, SolverBudget, find_engine
 
-
-class SolverBudget(NamedTuple):
-    """How many iterations MJX's constraint solver may take in a substep.
-
-    MuJoCo C stops when it has converged; a compiled loop over many environments pays for every
-    iteration it is allowed. Each task states the smallest budget whose error after one control step
-    equals that of the full one.
-    """
-
-    iterations: int
-    ls_iterations: int
+__all__ = ["MujocoEnv", "SolverBudget"]
 
 
 class MujocoEnv(Env):
@@ -32,13 +22,16 @@ class MujocoEnv(Env):
     `state.pipeline_state` is a `PhysicsState`, `state.metrics` holds each reward term by name.
 
     Args:
-      model: the compiled model.
+      model: the compiled model; the engine's changes are made to a copy.
       frame_skip: physics substeps in one control step.
-      physics: "mjx", "native" or "warp", or a constructor of a `Physics`.
+      physics: an engine or its name: "mjx", "native" or "warp".
       fields: names of the derived MjData fields the task reads.
-      mjx_budget: solver iterations for MJX; None keeps the model's own.
+      mjx_budget: solver iterations for MJX and Warp; None keeps the model's own.
       current_fields: read derived fields of position and velocity at the state after the step, as
         DeepMind Control does, and not a substep behind it, as Gymnasium does.
+
+    Raises:
+      UsageError: there is no such engine, its extra is missing, or it cannot run the task.
 
     Attributes:
       episode_length: the task's time limit in control steps; applied by `VectorEnv`, not here.
@@ -57,9 +50,12 @@ class MujocoEnv(Env):
         mjx_budget: SolverBudget | None = None,
         current_fields: bool = False,
     ):
-        if mjx_budget is not None and physics in ("mjx", "warp"):
-            model.opt.iterations, model.opt.ls_iterations = mjx_budget
-        self.physics = make_physics(physics, model, frame_skip, fields, current_fields)
+        engine = find_engine(physics)
+        engine.check()
+        engine.check_task(model, fields)
+        model = copy.copy(model)
+        engine.prepare(model, mjx_budget)
+        self.physics = engine.build(model, frame_skip, fields, current_fields)
         self.model = model
         self._action_low, self._action_high = (
             jnp.asarray(model.actuator_ctrlrange.T, jnp.float32)

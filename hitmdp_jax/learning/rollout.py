@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from brax.training.acme import running_statistics
 from flax import struct
 
-from hitmdp_jax.envs.wrappers import Step, VectorEnv, VectorState
+from hitmdp_jax.envs.vector import Step, VectorEnv, VectorState
 
 OBSERVATION_CLIP = 10.0  # normalised observations lie within +-10 standard deviations
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hitmdp_jax import make_env
-from hitmdp_jax.envs.physics.mjx import MjxPhysics
+from hitmdp_jax.envs.physics import MjxEngine
 from tests.envs.trained_states import trained_states
 
 GYMNASIUM_NAMES = {
@@ -78,15 +78,16 @@ def random_actions(env, shape, rng):
     return rng.uniform(low, high, (*shape, *low.shape)).astype(np.float32)
 
 
-def mjx_with_elliptic_cones(model, frame_skip, fields, current_fields):
-    """Build MJX for a model with elliptic friction cones and the solver's full budget.
+class MjxWithEllipticCones(MjxEngine):
+    """MJX with elliptic friction cones.
 
     Cones have no orientation. Gymnasium's models have pyramids, which MJX lays along other axes
     than MuJoCo C does where a capsule stands steeply on the floor.
     """
-    model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    model.opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    return MjxPhysics(model, frame_skip, fields, current_fields)
+
+    def prepare(self, model, budget=None):
+        super().prepare(model, budget)
+        model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
 
 
 def gymnasium_steps(env, qpos, qvel, actions):

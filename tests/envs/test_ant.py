@@ -1,9 +1,9 @@
 import pytest
 
 from tests.envs.parity import (
+    MjxWithEllipticCones,
     assert_initial_states_agree,
     assert_steps_agree,
-    mjx_with_elliptic_cones,
 )
 
 
@@ -16,7 +16,12 @@ def test_native_steps_as_gymnasium(version):
 @pytest.mark.parametrize("version", ["v4", "v5"])
 def test_mjx_steps_as_gymnasium_with_elliptic_cones(version):
     assert_steps_agree(
-        "ant", version, mjx_with_elliptic_cones, num_steps=1, tolerance=2e-3, share=0.9
+        "ant",
+        version,
+        MjxWithEllipticCones(full_budget=True),
+        num_steps=1,
+        tolerance=2e-3,
+        share=0.9,
     )
 
 

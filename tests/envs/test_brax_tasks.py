@@ -2,7 +2,7 @@ import jax
 import numpy as np
 
 from hitmdp_jax import make_env
-from hitmdp_jax.envs.wrappers import VectorEnv
+from hitmdp_jax.envs.vector import VectorEnv
 
 NUM_ENVS = 4
 

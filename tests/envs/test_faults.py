@@ -7,7 +7,7 @@ import pytest
 from mujoco.batch import Batch, SimulationError
 
 from hitmdp_jax import make_env
-from hitmdp_jax.envs.wrappers import VectorEnv
+from hitmdp_jax.envs.vector import VectorEnv
 
 NUM_ENVS = 8
 LOST = 3

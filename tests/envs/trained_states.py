@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from hitmdp_jax import load, make_env
-from hitmdp_jax.envs.wrappers import VectorEnv
+from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.training.config import RunConfig
 
 FILE = Path(__file__).with_suffix(".npz")

@@ -12,6 +12,7 @@ from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.dmc.rewards import tolerance
 from hitmdp_jax.envs.dmc.suite import load_suite_model, random_joint_angles, sensor_slice
 from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState
+from hitmdp_jax.machine import available_cores
 
 FRAME_SKIP = 1  # substep of 0.01 s
 TARGET_SPEED = 10.0  # m/s: full reward from here
@@ -98,7 +99,7 @@ def settled_states(num_states: int) -> tuple[np.ndarray, np.ndarray]:
     with jax.ensure_compile_time_eval():
         keys = jax.random.split(jax.random.key(0), num_states)
         qpos = jax.vmap(lambda key: random_joint_angles(model, key, turn_unlimited=False))(keys)
-    batch = Batch(model, num_states)
+    batch = Batch(model, num_states, nthread=available_cores())
     final_qpos, final_qvel = batch.bind("qpos"), batch.bind("qvel")
     final_qpos[:] = qpos
     batch.step(nstep=SETTLING_STEPS)

@@ -5,9 +5,10 @@ import math
 import jax
 import jax.numpy as jnp
 
+from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.gym.health import Health, within
-from hitmdp_jax.envs.gym.humanoid_body import ROOT_Z, HumanoidSenses, load_humanoid_model
+from hitmdp_jax.envs.gym.humanoid_body import ROOT_Z, HumanoidSenses
 from hitmdp_jax.envs.gym.initial import uniform_around_rest
 from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState
 
@@ -79,7 +80,7 @@ class Humanoid(MujocoEnv):
             cfrc_ext=include_cfrc_ext_in_observation,
         )
         fields = {"xipos", *self._senses.fields} | ({"cfrc_ext"} if contact_cost_weight else set())
-        model = load_humanoid_model("humanoid.xml", physics)
+        model = load_gymnasium_model("humanoid.xml")
         super().__init__(model, FRAME_SKIP, physics, sorted(fields), MJX_BUDGET)
         self._forward_reward_weight = forward_reward_weight
         self._ctrl_cost_weight = ctrl_cost_weight

@@ -1,27 +1,14 @@
-"""What Humanoid and HumanoidStandup share: the body's model and what is observed of it."""
+"""What Humanoid and HumanoidStandup share: what is observed of the body."""
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import mujoco
 
-from hitmdp_jax.envs.assets import load_gymnasium_model
-from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState
+from hitmdp_jax.envs.physics import PhysicsState
 
 ROOT_Z = 2  # qpos: height of the torso, m; x and y come before it, its quaternion after it
 NUM_ROOT_VELOCITIES = 6  # qvel: the torso's three velocities and three angular velocities
-
-
-def use_newton_solver(spec: mujoco.MjSpec) -> None:
-    """Edit the model: XLA and Warp have no PGS solver, which Gymnasium's humanoids name."""
-    spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
-
-
-def load_humanoid_model(filename: str, physics: PhysicsChoice) -> mujoco.MjModel:
-    """Compile one of Gymnasium's humanoids as the engine can run it."""
-    edit = use_newton_solver if physics in ("mjx", "warp") else None
-    return load_gymnasium_model(filename, edit)
 
 
 class HumanoidSenses(NamedTuple):

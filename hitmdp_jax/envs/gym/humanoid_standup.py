@@ -5,8 +5,9 @@ import math
 import jax
 import jax.numpy as jnp
 
+from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
-from hitmdp_jax.envs.gym.humanoid_body import ROOT_Z, HumanoidSenses, load_humanoid_model
+from hitmdp_jax.envs.gym.humanoid_body import ROOT_Z, HumanoidSenses
 from hitmdp_jax.envs.gym.initial import uniform_around_rest
 from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState
 
@@ -63,7 +64,7 @@ class HumanoidStandup(MujocoEnv):
             cfrc_ext=include_cfrc_ext_in_observation,
         )
         fields = sorted({"cfrc_ext", *self._senses.fields})
-        model = load_humanoid_model("humanoidstandup.xml", physics)
+        model = load_gymnasium_model("humanoidstandup.xml")
         super().__init__(model, FRAME_SKIP, physics, fields, MJX_BUDGET)
         self._ctrl_cost_weight = ctrl_cost_weight
         self._impact_cost_weight = impact_cost_weight

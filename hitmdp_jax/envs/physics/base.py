@@ -1,14 +1,31 @@
-"""What a task asks of a physics engine, and the state it gets back."""
+"""What a task asks of a physics engine, the state it gets back, and what an engine owns."""
 
-from typing import Protocol
+import abc
+import dataclasses
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
 import mujoco
 from flax import struct
 
+from hitmdp_jax.errors import UsageError
+
 # MuJoCo calls a simulation unstable when a coordinate, velocity or acceleration exceeds this.
 MAX_VALUE = float(mujoco.mjMAXVAL)
+
+
+class SolverBudget(NamedTuple):
+    """How many iterations MJX's constraint solver may take in a substep.
+
+    MuJoCo C stops when it has converged; a compiled loop over many environments pays for every
+    iteration it is allowed. Each task states the smallest budget whose error after one control step
+    equals that of the full one.
+    """
+
+    iterations: int
+    ls_iterations: int
 
 
 class PhysicsState(struct.PyTreeNode):
@@ -73,3 +90,66 @@ class Physics(Protocol):
     def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
         """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
         ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Engine(abc.ABC):
+    """A physics engine: what it can run, what it needs for it, and how it is built.
+
+    An engine is one file with a subclass of this, and one line in `ENGINES`.
+
+    Attributes:
+      name: what the user calls it.
+      safe_rows: environments that one CPU device may step at once without blocking a thread of
+        XLA's pool; see `set_up_host`. None: any number.
+    """
+
+    name: ClassVar[str]
+    safe_rows: ClassVar[int | None] = None
+
+    def check(self) -> None:  # noqa: B027 # most engines come with the package
+        """Check that what the engine needs is installed.
+
+        Raises:
+          UsageError: it is not.
+        """
+
+    def check_task(self, model: mujoco.MjModel, fields: Sequence[str] = ()) -> None:
+        """Check that the engine can run a model and compute the derived fields its task reads.
+
+        Raises:
+          UsageError: it cannot. No engine carries actuator activations.
+        """
+        if model.na:
+            raise UsageError("Models with actuator activations (na > 0) are not supported.")
+
+    def prepare(  # noqa: B027 # MuJoCo C runs every model as it is
+        self, model: mujoco.MjModel, budget: SolverBudget | None = None
+    ) -> None:
+        """Make the changes to a compiled model, in place, that the engine needs.
+
+        Args:
+          model: the compiled model.
+          budget: the task's solver iterations, for engines that pay for all they are allowed.
+        """
+
+    @abc.abstractmethod
+    def build(
+        self,
+        model: mujoco.MjModel,
+        frame_skip: int,
+        fields: Sequence[str] = (),
+        current_fields: bool = False,
+    ) -> Physics:
+        """Build the physics of one prepared model.
+
+        Args:
+          model: the compiled model.
+          frame_skip: physics substeps in one control step.
+          fields: names of the derived MjData fields the task reads.
+          current_fields: bring those of position and velocity up to date after a step.
+        """
+
+    def shared(self, num_devices: int) -> "Engine":
+        """Return the engine with its share of the cores, for each of so many devices."""
+        return self

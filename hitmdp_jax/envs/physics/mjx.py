@@ -1,14 +1,54 @@
 """MuJoCo XLA: physics as a JAX program, for any device."""
 
+import dataclasses
 from collections.abc import Sequence
+from typing import ClassVar
 
 import jax
 import mujoco
 import numpy as np
 from mujoco import mjx
 
-from hitmdp_jax.envs.physics.base import PhysicsState, beyond_limits, blank_state
-from hitmdp_jax.errors import UsageError, missing_extra
+from hitmdp_jax.envs.physics.base import (
+    Engine,
+    PhysicsState,
+    SolverBudget,
+    beyond_limits,
+    blank_state,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class MjxEngine(Engine):
+    """MJX on XLA.
+
+    Args:
+      full_budget: keep the model's own solver iterations, whatever the task's budget.
+    """
+
+    name: ClassVar[str] = "mjx"
+    # Of the solver's Cholesky factorisations, XLA's threads wait for one another beyond this.
+    safe_rows: ClassVar[int | None] = 64
+    implementation: ClassVar[str] = "jax"  # MJX's word for what computes
+
+    full_budget: bool = False
+
+    def prepare(self, model: mujoco.MjModel, budget: SolverBudget | None = None) -> None:
+        """Choose Newton where the model names PGS, which MJX lacks; set the task's budget."""
+        if model.opt.solver == mujoco.mjtSolver.mjSOL_PGS:
+            model.opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
+        if budget is not None and not self.full_budget:
+            model.opt.iterations, model.opt.ls_iterations = budget
+
+    def build(
+        self,
+        model: mujoco.MjModel,
+        frame_skip: int,
+        fields: Sequence[str] = (),
+        current_fields: bool = False,
+    ) -> "MjxPhysics":
+        """Build the physics of one prepared model."""
+        return MjxPhysics(model, frame_skip, fields, current_fields, self.implementation)
 
 
 class MjxPhysics:
@@ -22,11 +62,7 @@ class MjxPhysics:
       frame_skip: substeps in one control step.
       fields: names of the derived MjData fields the task reads.
       current_fields: compute them once more after the last substep, at the new state.
-      implementation: "jax", or "warp" for NVIDIA's kernels (extra `warp`).
-
-    Raises:
-      UsageError: `implementation` is "warp", and warp-lang is not installed or the task reads
-        external forces, which MJX does not compute there.
+      implementation: "jax", or "warp" for NVIDIA's kernels.
     """
 
     def __init__(
@@ -37,15 +73,6 @@ class MjxPhysics:
         current_fields: bool = False,
         implementation: str = "jax",
     ):
-        if implementation == "warp":
-            from mujoco.mjx import warp
-
-            if not warp.WARP_INSTALLED:
-                raise missing_extra("warp", "physics=warp")
-            if "cfrc_ext" in fields:
-                raise UsageError(
-                    "physics=warp has no contact forces (cfrc_ext): use mjx or native."
-                )
         self.name = "mjx" if implementation == "jax" else implementation
         self.model = model
         self.frame_skip = frame_skip

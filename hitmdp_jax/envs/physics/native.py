@@ -1,8 +1,10 @@
 """MuJoCo C on a thread pool, called from inside compiled JAX programs."""
 
+import dataclasses
 import functools
 import threading
 from collections.abc import Sequence
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +12,9 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
-from hitmdp_jax.envs.physics.base import PhysicsState, beyond_limits, blank_state
+from hitmdp_jax.envs.physics.base import Engine, PhysicsState, beyond_limits, blank_state
+from hitmdp_jax.errors import out_of_domain
+from hitmdp_jax.machine import available_cores
 
 # Warnings with which MuJoCo says that it found a state unstable.
 _UNSTABLE = [
@@ -27,6 +31,43 @@ _LAGGING, _CURRENT = mujoco.mjtStage.mjSTAGE_NONE, mujoco.mjtStage.mjSTAGE_VEL
 _POST_CONSTRAINT = ("cfrc_ext", "cfrc_int", "cacc")
 
 
+@dataclasses.dataclass(frozen=True)
+class NativeEngine(Engine):
+    """MuJoCo C itself, on the CPU.
+
+    Args:
+      num_threads: threads of one call; 0 takes every core that the process may use.
+
+    Raises:
+      UsageError: num_threads < 0.
+    """
+
+    name: ClassVar[str] = "native"
+    # Rows of a humanoid in the 100 KiB of arguments that XLA copies without waiting for a thread.
+    safe_rows: ClassVar[int | None] = 256
+
+    num_threads: int = 0
+
+    def __post_init__(self):
+        if self.num_threads < 0:
+            raise out_of_domain("num_threads", self.num_threads, "a whole number from 0")
+
+    def build(
+        self,
+        model: mujoco.MjModel,
+        frame_skip: int,
+        fields: Sequence[str] = (),
+        current_fields: bool = False,
+    ) -> "NativePhysics":
+        """Build the physics of one model, which MuJoCo C runs as it is."""
+        return NativePhysics(model, frame_skip, fields, current_fields, self.num_threads)
+
+    def shared(self, num_devices: int) -> "NativeEngine":
+        """Return the engine with its share of the threads, at least one, for each device."""
+        threads = self.num_threads or available_cores()
+        return dataclasses.replace(self, num_threads=max(1, threads // num_devices))
+
+
 class NativePhysics:
     """Implements `Physics` with `mujoco.batch.Batch` behind a `pure_callback`.
 
@@ -41,7 +82,8 @@ class NativePhysics:
       fields: names of the derived MjData fields the task reads.
       current_fields: compute those of position and velocity once more after the last substep, at
         the new state.
-      num_threads: threads of one call; 0 takes every core. Give each XLA device its share.
+      num_threads: threads of one call; 0 takes every core that the process may use. Give each XLA
+        device its share.
     """
 
     name = "native"
@@ -56,7 +98,8 @@ class NativePhysics:
     ):
         self.model = model
         self.frame_skip = frame_skip
-        self.num_threads = num_threads
+        # MuJoCo's own 0 takes every core of the machine, allowed to the process or not.
+        self.num_threads = num_threads or available_cores()
         self._fields = tuple(fields)
         self._current_fields = current_fields
         blank = mujoco.MjData(model)

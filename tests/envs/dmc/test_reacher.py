@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from hitmdp_jax import make_env
-from hitmdp_jax.envs.wrappers import VectorEnv
+from hitmdp_jax.envs.vector import VectorEnv
 from tests.envs.dmc.parity import (
     Oracle,
     assert_initial_states_agree,

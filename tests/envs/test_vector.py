@@ -2,7 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hitmdp_jax.envs.wrappers import VectorEnv
+from hitmdp_jax.envs.vector import VectorEnv
 from tests.probes import Counter, Target
 
 

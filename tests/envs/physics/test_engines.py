@@ -1,0 +1,174 @@
+import os
+
+import jax
+import mujoco
+import numpy as np
+import pytest
+
+from hitmdp_jax import make_env
+from hitmdp_jax.envs.assets import load_gymnasium_model
+from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.physics import (
+    ENGINES,
+    MjxEngine,
+    NativeEngine,
+    WarpEngine,
+    find_engine,
+    speed,
+)
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.machine import available_cores
+
+BUDGET = SolverBudget(iterations=3, ls_iterations=2)
+NEWTON, PGS = int(mujoco.mjtSolver.mjSOL_NEWTON), int(mujoco.mjtSolver.mjSOL_PGS)
+FALLING_BALL = """<mujoco><worldbody>
+  <body><freejoint/><geom size="0.1"/></body>
+  </worldbody></mujoco>"""
+MUSCLE = """<mujoco><worldbody>
+  <body><joint name="hinge"/><geom size="0.1"/></body>
+  </worldbody><actuator><general joint="hinge" dyntype="integrator"/></actuator></mujoco>"""
+
+
+@pytest.fixture
+def ball():
+    return mujoco.MjModel.from_xml_string(FALLING_BALL)
+
+
+def solver_of(model):
+    return model.opt.solver, model.opt.iterations, model.opt.ls_iterations
+
+
+@pytest.mark.parametrize("engine", ["mjx", "native"])
+@pytest.mark.parametrize("current_fields", [False, True])
+def test_every_engine_steps_as_mujoco_does(engine, current_fields, ball):
+    """A ball falls 0.1 s, freely: both engines and MuJoCo C agree on where it is."""
+    physics = find_engine(engine).build(ball, 50, ("xpos",), current_fields)
+    assert physics.name == engine
+    assert physics.frame_skip == 50
+    data = mujoco.MjData(ball)
+    start = jax.jit(physics.initial)(data.qpos, data.qvel)
+    mujoco.mj_forward(ball, data)
+    np.testing.assert_allclose(start["xpos"], data.xpos)
+    after = jax.jit(physics.step)(start, start.ctrl)
+    mujoco.mj_step(ball, data, 50)
+    if current_fields:
+        mujoco.mj_forward(ball, data)
+    np.testing.assert_allclose(after.qpos, data.qpos, atol=1e-5)
+    np.testing.assert_allclose(after.qvel, data.qvel, atol=1e-5)
+    np.testing.assert_allclose(after["xpos"], data.xpos, atol=1e-5)
+    np.testing.assert_allclose(after.displacement, after.qpos - start.qpos, atol=1e-6)
+    assert not after.unstable
+
+
+@pytest.mark.parametrize("engine", [MjxEngine(), WarpEngine()])
+def test_mjx_takes_newton_for_pgs_and_the_task_budget(engine):
+    model = load_gymnasium_model("humanoid.xml")
+    assert model.opt.solver == PGS
+    engine.prepare(model, BUDGET)
+    assert solver_of(model) == (NEWTON, *BUDGET)
+
+
+def test_mjx_keeps_the_models_own_budget_where_there_is_none_or_all_is_wanted():
+    model = load_gymnasium_model("humanoid.xml")
+    _, *own = solver_of(model)
+    MjxEngine().prepare(model)
+    assert solver_of(model) == (NEWTON, *own)
+    MjxEngine(full_budget=True).prepare(model, BUDGET)
+    assert solver_of(model) == (NEWTON, *own)
+
+
+def test_native_leaves_the_model_as_it_is():
+    model = load_gymnasium_model("humanoid.xml")
+    before = solver_of(model)
+    NativeEngine().prepare(model, BUDGET)
+    assert solver_of(model) == before
+
+
+@pytest.mark.parametrize("name", ["mjx", "native"])
+def test_engine_is_prepared_for_alike_by_name_and_as_an_object(name):
+    by_name, by_object = (make_env("humanoid", physics=x) for x in (name, type(ENGINES[name])()))
+    assert solver_of(by_name.model) == solver_of(by_object.model)
+    assert by_name.backend == by_object.backend == name
+
+
+def test_preparing_leaves_the_callers_model_as_it_was():
+    class Standing(MujocoEnv):
+        sample_initial = observation = reward = lambda self, *_: None
+
+    model = load_gymnasium_model("humanoid.xml")
+    before = solver_of(model)
+    env = Standing(model, 1, "mjx", mjx_budget=BUDGET)
+    assert solver_of(env.model) == (NEWTON, *BUDGET)
+    assert solver_of(model) == before
+
+
+def test_names_find_engines_and_engines_find_themselves():
+    for name, engine in ENGINES.items():
+        assert engine.name == name
+        assert find_engine(name) is engine
+        assert find_engine(engine) is engine
+
+
+@pytest.mark.parametrize("choice", ["natve", 3, None, ["mjx"], NativeEngine])
+def test_what_is_no_engine_is_refused_in_a_sentence(choice):
+    with pytest.raises(UsageError, match=r"^Unknown physics .* Valid: mjx, native, warp\.$"):
+        find_engine(choice)
+
+
+def test_devices_share_the_cores_that_the_process_may_use():
+    cores = available_cores()
+    assert NativeEngine().shared(1).num_threads == cores
+    assert NativeEngine().shared(100 * cores).num_threads == 1
+    assert NativeEngine(num_threads=8).shared(2).num_threads == 4
+    for engine in (MjxEngine(), WarpEngine()):
+        assert engine.shared(2) is engine
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs affinity")
+def test_native_uses_only_the_cores_it_may_use(ball, monkeypatch):
+    allowed = os.sched_getaffinity(0)
+    threads = []
+
+    class Spy(speed.Batch):
+        def __init__(self, *arguments, **keywords):
+            super().__init__(*arguments, **keywords)
+            threads.append(self.nthread)
+
+    monkeypatch.setattr(speed, "Batch", Spy)
+    monkeypatch.setattr("hitmdp_jax.envs.physics.native.Batch", Spy)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        physics = NativeEngine().build(ball, 1)
+        physics.step(physics.initial(ball.qpos0, np.zeros(ball.nv)), np.zeros(0, np.float32))
+        speed.native_speed(ball, 1, seconds=0.0)
+    finally:
+        os.sched_setaffinity(0, allowed)
+    assert threads == [1, 1]
+
+
+def test_negative_threads_are_refused():
+    with pytest.raises(UsageError, match=r"num_threads = -1 must be a whole number from 0"):
+        NativeEngine(num_threads=-1)
+
+
+@pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
+def test_every_engine_says_how_many_rows_are_safe_and_refuses_activations(engine):
+    assert engine.safe_rows is None or engine.safe_rows > 0
+    with pytest.raises(UsageError, match=r"actuator activations"):
+        engine.check_task(mujoco.MjModel.from_xml_string(MUSCLE))
+
+
+def test_warp_refuses_external_forces(ball):
+    WarpEngine().check_task(ball, ("xpos",))
+    with pytest.raises(UsageError, match=r"no contact forces \(cfrc_ext\): use mjx or native"):
+        WarpEngine().check_task(ball, ("xpos", "cfrc_ext"))
+
+
+def test_missing_warp_is_explained_before_anything_is_made():
+    try:
+        import warp  # noqa: F401
+    except ImportError:
+        with pytest.raises(UsageError, match=r"needs the extra 'warp': install it with"):
+            make_env("hopper", physics="warp")
+    else:
+        pytest.skip("warp-lang is installed")
