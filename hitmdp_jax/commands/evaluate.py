@@ -115,7 +115,8 @@ class Evaluation:
         """Return the mean return of each seed [S]."""
         config, state = run.config, progress.state
         assert state is not None
-        learned = jax.device_get((state.learner.params, state.normalizer))
+        here = jax.local_devices()[0]
+        learned = jax.device_put((state.learner.params, state.normalizer), here)
         rows = []
         for i in range(config.seeds):
             policy = Policy(run.agent, *jax.tree.map(lambda x, i=i: x[i], learned))

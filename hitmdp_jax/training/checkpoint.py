@@ -52,14 +52,16 @@ class Checkpoints:
         best = managers.BestN(get_metric_fn=_score, n=1, keep_checkpoints_without_metrics=False)
         options = ocp.CheckpointManagerOptions(
             preservation_policy=managers.AnyPreservationPolicy([managers.LatestN(KEPT), best]),
-            read_only=read_only,
-            create=not read_only,
+            create=not read_only,  # Orbax's own read_only warns at every reading
         )
         if read_only and not self.folder.is_dir():
             raise UsageError(f"'{self.folder}' holds no checkpoint.")
-        self._manager = ocp.CheckpointManager(
-            self.folder, options=options, item_names=(STATE, POLICY, PROGRESS)
-        )
+        handlers = {
+            STATE: ocp.StandardCheckpointHandler(),
+            POLICY: ocp.StandardCheckpointHandler(),
+            PROGRESS: ocp.JsonCheckpointHandler(),
+        }
+        self._manager = ocp.CheckpointManager(self.folder, options=options, item_handlers=handlers)
         self._last_save = time.monotonic()
         self.failure: str | None = None  # why the newest state is not saved
 

@@ -1,12 +1,24 @@
+from collections import deque
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import hitmdp_jax
 from hitmdp_jax.agents import MOPG
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training.program import num_iterations, repeat, transfer
+from hitmdp_jax.training.program import (
+    CAUSES,
+    RECENT_EPISODES,
+    EpisodeWindow,
+    num_iterations,
+    repeat,
+    transfer,
+)
 from tests.probes import Counter, PlaygroundTarget, Target
 
 AGENT = MOPG(num_epochs=2)
@@ -126,6 +138,107 @@ def test_no_episode_ended_is_reported_as_nan(key):
     assert (metrics["episodes"] == 0).all()
 
 
+@given(st.lists(st.integers(0, 130), min_size=1, max_size=5), st.integers(0, 2**31 - 1))
+def test_recent_returns_are_means_over_the_last_episodes(counts, seed):
+    """Against a deque: rollouts of 10 x 13 steps in which so many episodes end."""
+    random = np.random.default_rng(seed)
+    window, last = EpisodeWindow.empty(), deque(maxlen=RECENT_EPISODES)
+    for count in counts:
+        finished = random.permutation(np.arange(130) < count).reshape(10, 13)
+        returns = random.normal(size=(10, 13)).astype(np.float32)
+        outcome = SimpleNamespace(
+            finished=jnp.asarray(finished), episode_return=returns, episode_length=returns + 5
+        )
+        window = window.add(outcome)
+        last.extend(returns[finished])
+    metrics = window.metrics()
+    assert int(window.count) == sum(counts)
+    if last:
+        assert float(metrics["recent_return"]) == pytest.approx(np.mean(last), abs=1e-5)
+        assert float(metrics["recent_length"]) == pytest.approx(np.mean(last) + 5, abs=1e-4)
+    else:
+        assert np.isnan(metrics["recent_return"])
+
+
+def test_recent_returns_are_carried_over_iterations_without_an_end(key):
+    sizes = SIZES | {"num_steps": 8 * 128, "episode_length": 40, "stagger": False}
+    metrics = jax.jit(lambda k: hitmdp_jax.train(AGENT, Counter(), k, **sizes))(key)[1]
+    ended = np.asarray(metrics["episodes"]) > 0
+    assert ended.any()
+    assert not ended.all()
+    first = int(np.argmax(ended))
+    assert np.isnan(metrics["recent_return"][:first]).all()
+    np.testing.assert_allclose(metrics["recent_return"][first:], 40.0)  # a reward of 1 a step
+
+
+class Poison(Target):
+    """The reward is NaN from the tenth step of an environment on where its start was negative."""
+
+    def reset(self, rng):
+        state = super().reset(rng)
+        return state.replace(info={"clock": jnp.zeros(())})
+
+    def step(self, state, action):
+        clock = state.info["clock"] + 1
+        poisoned = (clock >= 10) & (state.obs[0] < self.threshold)
+        return state.replace(
+            reward=jnp.where(poisoned, jnp.nan, 1.0), done=jnp.zeros(()), info={"clock": clock}
+        )
+
+    threshold = -0.9
+    episode_length = 1000
+
+
+def test_a_run_that_is_not_finite_keeps_its_last_finite_state_and_harms_no_other():
+    env = Poison()
+    init, step = hitmdp_jax.make_train(AGENT, env, num_steps=3 * 8 * 8, num_envs=8,
+                                       rollout_length=8)  # fmt: skip
+    keys = jax.vmap(jax.random.key)(jnp.arange(6))
+    together, metrics = jax.jit(
+        lambda ks: jax.lax.scan(lambda s, _: jax.vmap(step)(s), jax.vmap(init)(ks), length=3)
+    )(keys)
+    lost = np.asarray(together.diverged) > 0
+    assert lost.any()
+    assert not lost.all()
+    assert set(np.asarray(together.diverged)[lost]) == {2}
+    assert {CAUSES[i] for i in np.asarray(together.cause)[lost]} == {"reward"}
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(together.learner.params))
+    np.testing.assert_array_equal(metrics["diverged"][:, lost], [[False], [True], [True]] * np.ones(lost.sum(), bool))
+    assert np.isnan(metrics["value_loss"][1:, lost]).all()
+    # The frozen seed's parameters are those after its only finite iteration.
+    after_one, _ = jax.jit(lambda ks: jax.vmap(step)(jax.vmap(init)(ks)))(keys)
+    for one, three in zip(*map(jax.tree.leaves, (after_one.learner, together.learner)), strict=True):
+        np.testing.assert_array_equal(one[lost], three[lost])
+    # And the others are bit for bit what they are where nobody diverges.
+    env.threshold = -2.0
+    sound, _ = jax.jit(
+        lambda ks: jax.lax.scan(lambda s, _: jax.vmap(step)(s), jax.vmap(init)(ks), length=3)
+    )(keys)
+    for one, other in zip(*map(jax.tree.leaves, (sound.learner, together.learner)), strict=True):
+        np.testing.assert_array_equal(one[~lost], other[~lost])
+
+
+def test_the_agent_that_acts_is_the_scheduled_one(key):
+    """Options are drawn at random once the similarity has been annealed to zero."""
+
+    class Annealed(MOPG):
+        def scheduled(self, progress):
+            return self.replace(similarity=jnp.where(progress < 0.5, 50.0, 0.0))
+
+    sizes = {"num_envs": 8, "rollout_length": 16, "num_steps": 2 * 128}
+    agent = Annealed(num_epochs=1, learning_rate=0.0)
+    env = Counter()  # episodes of five steps
+    _, metrics = jax.jit(lambda k: hitmdp_jax.train(agent, env, k, **sizes))(key)
+    durations = 128 / np.asarray(metrics["option_activations"]).sum(1)
+    assert durations[0] > 3.0
+    assert durations[1] < 2.0
+
+
+def test_an_agents_class_is_not_an_agent():
+    with pytest.raises(UsageError, match=r"agent is the class MOPG: pass an agent, MOPG\(\)"):
+        hitmdp_jax.make_train(MOPG, Target(), num_steps=128, **SIZES)
+
+
 def test_iterations_cover_the_steps():
     assert num_iterations(1_000_000, 16, 128) == 489
     assert num_iterations(2048, 16, 128) == 1
@@ -137,6 +250,9 @@ def test_iterations_cover_the_steps():
         ({"num_envs": 3, "rollout_length": 100}, "3 = 300 is not divisible by minibatch_size = 64"),
         ({"num_envs": 0}, "num_envs = 0 must be a positive whole number"),
         ({"rollout_length": -5}, "rollout_length = -5 must be a positive whole number"),
+        ({"rollout_length": "a"}, "rollout_length = a must be a positive whole number"),
+        ({"num_envs": 2.5}, "num_envs = 2.5 must be a positive whole number"),
+        ({"num_envs": True}, "num_envs = True must be a positive whole number"),
     ],
 )
 def test_sizes_that_do_not_fit_are_explained(sizes, sentence):

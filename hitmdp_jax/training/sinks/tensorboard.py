@@ -20,7 +20,9 @@ class TensorboardSink:
 
     def __init__(self, run_dir: Path, resume_after: int = 0):
         purge = resume_after + 1 if resume_after else None
-        self._events = SummaryWriter(str(run_dir), purge_step=purge)
+        # The writer names files by the second: one that resumes at once must not take another's.
+        suffix = f".{resume_after}"
+        self._events = SummaryWriter(str(run_dir), purge_step=purge, filename_suffix=suffix)
 
     def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
         """Add a point to each curve."""

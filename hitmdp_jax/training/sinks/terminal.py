@@ -94,7 +94,8 @@ class TerminalSink:
         known = returns[~np.isnan(returns)]
         if known.size:
             spread = f" ± {known.std():,.1f} over {known.size} seeds" if known.size > 1 else ""
-            facts.append((f"return of the last {RECENT_EPISODES} episodes", f"{known.mean():,.1f}{spread}"))
+            label = f"return of the last {RECENT_EPISODES} episodes"
+            facts.append((label, f"{known.mean():,.1f}{spread}"))
         if "option_steps" in newest:
             steps = np.nansum([np.nansum(m["option_steps"], axis=0) for m in self._recent], axis=0)
             activations = np.nansum([np.nansum(m["option_activations"]) for m in self._recent])
@@ -102,15 +103,15 @@ class TerminalSink:
             duration = mean_duration(steps.sum(), activations)
             facts += [("option usage", usage), ("option duration", f"{duration:.1f} steps")]
         for label, suffix in PARTS:
-            means = {n: self._mean(n) for n in newest if n.endswith(suffix)}
-            parts = [f"{n.removesuffix(suffix)} {np.nanmean(x):.3f}" for n, x in means.items()
-                     if not np.isnan(x).all()]
+            means = {name: self._mean(name) for name in newest if name.endswith(suffix)}
+            known = {name: x for name, x in means.items() if not np.isnan(x).all()}
+            parts = [f"{n.removesuffix(suffix)} {np.nanmean(x):.3f}" for n, x in known.items()]
             if parts:
                 facts.append((label, ", ".join(parts)))
-        for name, what in (("unstable", "unstable physics"), ("diverged", "diverged seeds")):
-            count = newest.get(name, np.zeros(1)).sum() if name == "diverged" else np.nansum(self._mean(name)) if name in newest else 0
-            if count:
-                facts.append((what, f"{count:.3g}"))
+        if "unstable" in newest and np.nansum(self._mean("unstable")) > 0:
+            facts.append(("unstable physics", f"{np.nanmean(self._mean('unstable')):.2%} of steps"))
+        if newest["diverged"].any():
+            facts.append(("diverged seeds", f"{newest['diverged'].sum():.0f}"))
         return facts
 
     def _mean(self, name: str) -> np.ndarray:

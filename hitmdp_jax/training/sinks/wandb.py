@@ -49,6 +49,7 @@ class WandbSink:
                 config=config.to_dict(),
                 resume="allow",
                 reinit="create_new",
+                settings=wandb.Settings(silent=True),
             )
 
         self._runs = [begin(seed) for seed in seeds]
@@ -67,4 +68,4 @@ class WandbSink:
     def close(self) -> None:
         """Finish the runs."""
         for run in self._runs:
-            run.finish(quiet=True)
+            run.finish()

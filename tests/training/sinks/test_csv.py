@@ -1,0 +1,69 @@
+import csv
+
+import numpy as np
+import pytest
+
+from hitmdp_jax.analysis.figures import read_metrics
+from hitmdp_jax.training.sinks import CsvSink
+
+
+def metrics(value):
+    return {
+        "a_metric": np.array([value, value + 1.0]),
+        "option_steps": np.array([[1.0, 2.0], [3.0, 4.0]]),
+        "episode_return": np.array([np.nan, 7.0]),
+    }
+
+
+def rows_of(path):
+    with (path / "metrics.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def written(tmp_path):
+    sink = CsvSink(tmp_path, first_seed=0)
+    for i in (1, 2, 3):
+        sink.write(i, 10 * i, metrics(float(i)))
+    sink.close()
+    return tmp_path
+
+
+def test_one_row_an_iteration_and_seed(tmp_path):
+    sink = CsvSink(tmp_path, first_seed=5)
+    sink.write(1, 2048, metrics(0.5))
+    sink.close()
+    rows = rows_of(tmp_path)
+    assert list(rows[0])[:4] == ["iteration", "env_steps", "seed", "episode_return"]
+    assert [row["seed"] for row in rows] == ["5", "6"]
+    assert [row["option_steps_1"] for row in rows] == ["2", "4"]
+    assert [row["episode_return"] for row in rows] == ["", "7"]
+
+
+def test_resuming_drops_rows_after_the_checkpoint(written):
+    sink = CsvSink(written, first_seed=0, resume_after=2)
+    sink.write(3, 30, metrics(33.0))
+    sink.close()
+    assert [row["a_metric"] for row in rows_of(written)] == ["1", "2", "2", "3", "33", "34"]
+    assert not list(written.glob("*.tmp"))
+
+
+@pytest.mark.parametrize("text", [None, "", "\n\n", "12", "iteration,env_steps,se", "\0\0\0"])
+def test_resuming_survives_a_file_that_holds_nothing(tmp_path, text):
+    if text is not None:
+        (tmp_path / "metrics.csv").write_text(text)
+    sink = CsvSink(tmp_path, first_seed=0, resume_after=2)
+    sink.write(3, 30, metrics(3.0))
+    sink.close()
+    assert [row["iteration"] for row in rows_of(tmp_path)] == ["3", "3"]
+
+
+@pytest.mark.parametrize("torn", ["12", "2,20", "\n", "2,20,0,5,\0"])
+def test_resuming_leaves_a_torn_row_out(written, torn):
+    with (written / "metrics.csv").open("a") as file:
+        file.write(torn)
+    sink = CsvSink(written, first_seed=0, resume_after=3)
+    sink.write(4, 40, metrics(4.0))
+    sink.close()
+    assert [row["iteration"] for row in rows_of(written)] == [str(i) for i in (1, 1, 2, 2, 3, 3, 4, 4)]
+    assert read_metrics(written)["a_metric"].shape == (2, 4)

@@ -1,0 +1,30 @@
+import numpy as np
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from hitmdp_jax.training.sinks import TensorboardSink
+
+METRICS = {"a_metric": np.array([0.5, 1.5]), "episode_return": np.array([np.nan, 7.0])}
+
+
+def test_means_and_deviations_are_read_back(tmp_path):
+    sink = TensorboardSink(tmp_path)
+    sink.write(1, 2048, METRICS)
+    sink.close()
+    events = EventAccumulator(str(tmp_path)).Reload()
+    assert events.Scalars("a_metric/mean")[0].value == 1.0
+    assert events.Scalars("a_metric/std")[0].value == 0.5
+    assert events.Scalars("episode_return/mean")[0].step == 2048
+
+
+def test_resuming_keeps_the_points_before_and_repeats_none(tmp_path):
+    """A run killed at iteration 3, whose checkpoint is of iteration 2."""
+    sink = TensorboardSink(tmp_path)
+    for i in (1, 2, 3):
+        sink.write(i, 2048 * i, METRICS)
+    sink.close()
+    sink = TensorboardSink(tmp_path, resume_after=2 * 2048)
+    for i in (3, 4):
+        sink.write(i, 2048 * i, METRICS)
+    sink.close()
+    events = EventAccumulator(str(tmp_path)).Reload()
+    assert [e.step for e in events.Scalars("a_metric/mean")] == [2048 * i for i in (1, 2, 3, 4)]

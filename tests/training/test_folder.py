@@ -1,0 +1,94 @@
+import multiprocessing
+import os
+
+import pytest
+
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.folder import (
+    already_there,
+    claim,
+    default_folder,
+    is_finished,
+    locked,
+    newest,
+)
+
+CONFIG = RunConfig(algo={"name": "ppo"}, env={"name": "halfcheetah"}, total_steps=4096)
+
+
+def test_a_folder_is_claimed_once(tmp_path):
+    run_dir = claim(tmp_path / "run", CONFIG)
+    assert RunConfig.load(run_dir) == CONFIG
+    with pytest.raises(UsageError, match="holds a run already: resume="):
+        claim(run_dir, CONFIG)
+    (run_dir / "metrics.csv").write_text("old")
+    (run_dir / "notes.txt").write_text("the user's own")
+    claim(run_dir, CONFIG, overwrite=True)
+    assert not (run_dir / "metrics.csv").exists()
+    assert (run_dir / "notes.txt").exists()
+
+
+def test_runs_of_the_same_second_get_folders_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("hitmdp_jax.training.folder.time.strftime", lambda _: "now")
+    folders = [claim(None, CONFIG) for _ in range(3)]
+    assert [f.name for f in folders] == ["now", "now_2", "now_3"]
+    assert folders[0] == default_folder(CONFIG)
+
+
+def test_an_own_class_gives_a_short_name():
+    own = {"name": "/somewhere/my_task.py:MyTask"}
+    folder = default_folder(RunConfig(algo={"name": "ppo"}, env=own))
+    assert folder.parts[:3] == ("runs", "my_task.MyTask", "ppo")
+
+
+def _hold(folder, locked_by_child, done):
+    with locked(folder):
+        locked_by_child.set()
+        done.wait(30)
+
+
+def test_two_processes_do_not_write_into_one_folder(tmp_path):
+    context = multiprocessing.get_context("spawn")
+    holds, done = context.Event(), context.Event()
+    child = context.Process(target=_hold, args=(tmp_path, holds, done))
+    child.start()
+    assert holds.wait(60)
+    with pytest.raises(UsageError, match="being written by another process"), locked(tmp_path):
+        pass
+    child.kill()  # whoever is killed lets go
+    child.join()
+    with locked(tmp_path):
+        pass
+
+
+def test_another_runs_folder_is_not_taken_for_ones_own(tmp_path):
+    assert not already_there(tmp_path, CONFIG)
+    claim(tmp_path, CONFIG)
+    assert already_there(tmp_path, CONFIG)
+    assert not is_finished(tmp_path, CONFIG)
+    (tmp_path / "checkpoints" / "1").mkdir(parents=True)
+    assert not is_finished(tmp_path, CONFIG)
+    (tmp_path / "checkpoints" / "2").mkdir()
+    assert is_finished(tmp_path, CONFIG)
+    other = RunConfig(algo={"name": "ppo", "gamma": 0.9}, env={"name": "halfcheetah"}, seeds=2)
+    with pytest.raises(UsageError, match=r"algo.gamma: 0.9 here, None there; seeds: 2 here, 1 the"):
+        already_there(tmp_path, other)
+
+
+def test_the_newest_run_is_found(tmp_path):
+    with pytest.raises(UsageError, match="finds no run"):
+        newest(tmp_path)
+    claim(tmp_path / "a" / "b", CONFIG)
+    claim(tmp_path / "c", CONFIG)
+    (tmp_path / "a" / "b" / "metrics.csv").write_text("")
+    os.utime(tmp_path / "a" / "b" / "metrics.csv", (2e9, 2e9))
+    assert newest(tmp_path) == tmp_path / "a" / "b"
+
+
+def test_a_folder_that_cannot_be_made_is_explained(tmp_path):
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "file", tmp_path / "file" / "run"):
+        with pytest.raises(UsageError, match="is not a folder|cannot be written"):
+            claim(folder, CONFIG)
