@@ -8,7 +8,7 @@ with contextlib.redirect_stdout(io.StringIO()):
     import mujoco.mjx  # noqa: F401
 
 from hitmdp_jax import agents
-from hitmdp_jax.envs import list_envs, make_env
+from hitmdp_jax.envs import list_envs, make_env, register_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.policy import Policy, load
 from hitmdp_jax.training.program import TrainState, make_train, train
@@ -22,5 +22,6 @@ __all__ = [
     "load",
     "make_env",
     "make_train",
+    "register_env",
     "train",
 ]

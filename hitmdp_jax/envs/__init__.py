@@ -1,7 +1,6 @@
 """Tasks by name."""
 
 import importlib
-import inspect
 from collections.abc import Callable
 from typing import Any
 
@@ -9,8 +8,10 @@ from brax.envs.base import Env
 
 from hitmdp_jax.envs.brax_tasks import BRAX, brax_task
 from hitmdp_jax.envs.dmc.suite import require_suite
-from hitmdp_jax.envs.physics import PhysicsChoice
-from hitmdp_jax.errors import unknown_name
+from hitmdp_jax.envs.keywords import check_keywords, parameters_of
+from hitmdp_jax.envs.physics import PhysicsChoice, find_engine
+from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
+from hitmdp_jax.plugins import is_own, label, load_class
 
 VERSIONS = ("v4", "v5")
 
@@ -41,10 +42,38 @@ _REGISTRY = {
     "toy/turkey": ("toy.turkey", "Turkey"),
 }
 
+_registered: dict[str, Callable[..., Env]] = {}  # by `register_env`
+
 
 def list_envs() -> tuple[str, ...]:
     """Return the names that `make_env` knows."""
-    return tuple(_REGISTRY)
+    return (*_REGISTRY, *_registered)
+
+
+def register_env(name: str, constructor: Callable[..., Env]) -> None:
+    """Give a task of your own a name, which this process then knows like any other.
+
+    Args:
+      name: the name; one that was registered before changes its meaning.
+      constructor: a class, or any function, that returns a Brax `Env`. If it takes `physics` and
+        `version`, it gets the engine and the version that `make_env` is given.
+
+    Raises:
+      UsageError: the name is one of ours or of Brax's, or it cannot be a name; or the constructor
+        cannot be called.
+
+    >>> from hitmdp_jax.envs.toy.turkey import Turkey
+    >>> register_env("my_turkey", Turkey)
+    >>> make_env("my_turkey").action_size
+    1
+    """
+    if not isinstance(name, str) or not name or is_own(name):
+        raise out_of_domain("name", repr(name), "a string that is not empty and names no file")
+    if name in _REGISTRY or name.startswith(BRAX):
+        raise UsageError(f"'{name}' is a built-in environment: register yours under another name.")
+    if not callable(constructor):
+        raise out_of_domain("constructor", repr(constructor), "a class or function to call")
+    _registered[name] = constructor
 
 
 def make_env(
@@ -53,47 +82,54 @@ def make_env(
     """Make a task: a Brax `Env`, unbatched and without auto-reset.
 
     Args:
-      name: one of `list_envs()`, or "brax/<name>" for one of Brax's own.
-      physics: "mjx" (XLA, any device), "native" (MuJoCo C on the CPU) or "warp" (NVIDIA). Brax's
-        own environments choose theirs by the keyword `backend`.
+      name: one of `list_envs()`, "brax/<name>" for one of Brax's own, or a class of yours as
+        "path/to/my_task.py:MyTask".
+      physics: "mjx" (XLA, any device), "native" (MuJoCo C on the CPU) or "warp" (NVIDIA), or an
+        `Engine`. Brax's own environments choose theirs by the keyword `backend`; tasks without
+        MuJoCo have no use for it.
       version: "v5" or "v4", Gymnasium's semantics of that name; other tasks have one version only.
       **task_kwargs: the task's own keywords, e.g. `ctrl_cost_weight=0.2`.
 
     Raises:
-      UsageError: the name, engine, version or a keyword is unknown, or an extra is missing.
+      UsageError: the name, engine, version or a keyword is unknown, a keyword's value is not valid,
+        or an extra is missing. What a class of your own raises is raised as it is.
 
     >>> env = make_env("halfcheetah", physics="native")
     >>> env.observation_size, env.action_size
     (17, 6)
     """
+    given = {"physics": find_engine(physics), "version": version}
     task = check_env(name, version, **task_kwargs)
-    if "version" in inspect.signature(task).parameters:
-        task_kwargs["version"] = version
-    return task(physics=physics, **task_kwargs)
+    takes = parameters_of(task)
+    env = task(**{k: x for k, x in given.items() if k in takes}, **task_kwargs)
+    if not (hasattr(env, "reset") and hasattr(env, "step")):
+        raise UsageError(f"'{name}' makes no environment: what it makes has no reset and step.")
+    return env
 
 
 def check_env(name: str, version: str = "v5", **task_kwargs: Any) -> Callable[..., Env]:
-    """Return the class of a task, having checked everything that can be checked without making it.
+    """Return a task's constructor, having checked everything that can be checked without making it.
 
     Raises:
-      UsageError: the name, version or a keyword is unknown, or an extra is missing.
+      UsageError: the name, version or a keyword is unknown, a keyword's value is not valid, or an
+        extra is missing.
     """
+    if not isinstance(name, str):
+        raise out_of_domain("env", repr(name), "the name of an environment, such as 'halfcheetah'")
     if name.startswith(BRAX):
         return brax_task(name, **task_kwargs)
-    if name not in _REGISTRY:
-        raise unknown_name("environment", name, _REGISTRY)
-    if version not in VERSIONS:
-        raise unknown_name("version", version, VERSIONS)
-    if name.startswith("dmc/"):
-        require_suite()
-    module, class_name = _REGISTRY[name]
-    task = getattr(importlib.import_module(f"hitmdp_jax.envs.{module}"), class_name)
-    known = [
-        p.name
-        for p in inspect.signature(task).parameters.values()
-        if p.kind is inspect.Parameter.KEYWORD_ONLY
-    ]
-    for keyword in task_kwargs:
-        if keyword not in known:
-            raise unknown_name(f"keyword of {name}", keyword, known)
+    if name in _REGISTRY:
+        if version not in VERSIONS:
+            raise unknown_name("version", str(version), VERSIONS)
+        if name.startswith("dmc/"):
+            require_suite()
+        module, class_name = _REGISTRY[name]
+        task = getattr(importlib.import_module(f"hitmdp_jax.envs.{module}"), class_name)
+    elif name in _registered:
+        task = _registered[name]
+    elif is_own(name):
+        task = load_class(name)
+    else:
+        raise unknown_name("environment", name, list_envs())
+    check_keywords(label(name), task, task_kwargs, domains=name in _REGISTRY)
     return task

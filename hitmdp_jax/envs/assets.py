@@ -1,4 +1,4 @@
-"""Compiling the models that other packages ship, with the small edits MuJoCo needs."""
+"""Compiling models, most of them other packages' own, with the small edits MuJoCo needs."""
 
 import importlib.util
 from collections.abc import Callable
@@ -35,14 +35,24 @@ def load_gymnasium_model(
     return load_model(asset_path(*GYMNASIUM_ASSETS, filename), edit)
 
 
-def load_model(path: Path, edit: Callable[[mujoco.MjSpec], None] | None = None) -> mujoco.MjModel:
-    """Compile the MuJoCo model in a file and the files it includes.
+def load_model(
+    source: Path | str, edit: Callable[[mujoco.MjSpec], None] | None = None
+) -> mujoco.MjModel:
+    """Compile a MuJoCo model from XML.
 
     Args:
-      path: the XML file.
+      source: the path of an XML file, which may include others; or the XML itself, "<mujoco>...".
       edit: changes the specification before it is compiled.
+
+    Raises:
+      UsageError: there is no such file.
     """
-    spec = mujoco.MjSpec.from_file(str(path))
+    if str(source).lstrip().startswith("<"):
+        spec = mujoco.MjSpec.from_string(str(source))
+    elif Path(source).is_file():
+        spec = mujoco.MjSpec.from_file(str(source))
+    else:
+        raise UsageError(f"There is no model file '{source}'.")
     if edit is not None:
         edit(spec)
     # MuJoCo 4 warns about this attribute, on the terminal and in a log file, at every load; scaling

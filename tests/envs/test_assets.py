@@ -2,7 +2,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from hitmdp_jax.envs.assets import can_touch, load_gymnasium_model
+from hitmdp_jax.envs.assets import can_touch, load_gymnasium_model, load_model
+from hitmdp_jax.errors import UsageError
 
 FILES = {
     "inverted_pendulum.xml": False,
@@ -48,3 +49,13 @@ def test_pairs_named_in_the_file_count():
     pair = '<contact><pair geom1="a" geom2="b"/></contact>'
     assert not can_touch(mujoco.MjModel.from_xml_string(xml.format("")))
     assert can_touch(mujoco.MjModel.from_xml_string(xml.format(pair)))
+
+
+def test_a_model_comes_from_a_file_or_from_its_text(tmp_path):
+    xml = """
+      <mujoco><worldbody><body><freejoint/><geom size="1"/></body></worldbody></mujoco>"""
+    file = tmp_path / "ball.xml"
+    file.write_text(xml.strip())
+    assert load_model(xml).nv == load_model(file).nv == load_model(str(file)).nv == 6
+    with pytest.raises(UsageError, match=r"There is no model file '.*bal\.xml'"):
+        load_model(tmp_path / "bal.xml")

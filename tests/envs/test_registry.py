@@ -3,11 +3,13 @@ import inspect
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import pytest
 import yaml
+from brax.envs.base import Env, State
 
 import hitmdp_jax
-from hitmdp_jax.envs import check_env
+from hitmdp_jax.envs import check_env, physics
 from hitmdp_jax.errors import UsageError
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "env"
@@ -54,11 +56,18 @@ def test_states_keep_structure_under_step(name):
         ({"name": "halfchetah"}, "Unknown environment 'halfchetah'; did you mean 'halfcheetah'?"),
         ({"name": "halfcheetah", "physics": "mjxx"}, "Unknown physics 'mjxx'; did you mean 'mjx'?"),
         ({"name": "halfcheetah", "version": "v6"}, "Unknown version 'v6'"),
+        ({"name": "halfcheetah", "version": 5}, "Unknown version '5'"),
+        ({"name": "toy/turkey", "physics": "natve"}, "did you mean 'native'?"),
+        ({"name": "ant", "main_body": "torsoo"}, "Unknown main_body 'torsoo'; did you mean"),
+        ({"name": None}, "env = None must be the name of an environment"),
+        ({"name": 3}, "env = 3 must be the name of an environment"),
+        ({"name": "no/such/file.py:Task"}, "there is no 'no/such/file.py' here"),
         ({"name": "halfcheetah", "ctrl_cost": 1.0}, "did you mean 'ctrl_cost_weight'?"),
         ({"name": "dmc/walker_wolk"}, "did you mean 'dmc/walker_walk'?"),
         ({"name": "dmc/walker_walk", "speed": 1.0}, "Unknown keyword of dmc/walker_walk 'speed'"),
         ({"name": "brax/antt"}, "did you mean 'brax/ant'?"),
         ({"name": "brax/ant", "bakend": "spring"}, "did you mean 'backend'?"),
+        ({"name": "brax/ant", "backend": "sprin"}, "did you mean 'spring'?"),
         ({"name": "brax/ant", "physics": "native"}, "chosen by backend"),
     ],
 )
@@ -73,3 +82,83 @@ def test_missing_dm_control_is_explained_before_anything_is_made(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"needs the extra 'dmc': install it with"):
         check_env("dmc/walker_walk")
+
+
+class Corridor(Env):
+    """A plain Brax environment: walk right to the end of a corridor, without MuJoCo."""
+
+    observation_size = action_size = 1
+    backend = "none"
+
+    def __init__(self, length: int = 3, version: str = "v1"):
+        self.length, self.version = length, version
+
+    def reset(self, rng):
+        return State(None, jnp.zeros(1), jnp.zeros(()), jnp.zeros(()))
+
+    def step(self, state, action):
+        place = state.obs + jnp.sign(action)
+        return state.replace(obs=place, done=(place[0] >= self.length).astype(float))
+
+
+@pytest.fixture
+def registry(monkeypatch):
+    monkeypatch.setattr("hitmdp_jax.envs._registered", {})
+
+
+@pytest.mark.usefixtures("registry")
+def test_a_registered_environment_is_made_by_its_name():
+    hitmdp_jax.register_env("mine/corridor", Corridor)
+    assert hitmdp_jax.list_envs()[-1] == "mine/corridor"
+    env = hitmdp_jax.make_env("mine/corridor", version="v2", length=1)
+    assert (env.length, env.version) == (1, "v2")
+    assert env.step(env.reset(None), jnp.ones(1)).done
+    with pytest.raises(UsageError, match=r"length = 1.5 must be a whole number"):
+        check_env("mine/corridor", length=1.5)
+    with pytest.raises(UsageError, match=r"did you mean 'mine/corridor'\?"):
+        check_env("mine/coridor")
+    hitmdp_jax.register_env("mine/corridor", lambda: Corridor(7))
+    assert hitmdp_jax.make_env("mine/corridor").length == 7
+
+
+@pytest.mark.usefixtures("registry")
+def test_a_constructor_gets_the_engine_if_it_takes_one():
+    seen = []
+    hitmdp_jax.register_env("mine", lambda physics: seen.append(physics) or Corridor())
+    hitmdp_jax.make_env("mine", physics="native")
+    assert seen == [physics.ENGINES["native"]]
+
+
+@pytest.mark.usefixtures("registry")
+@pytest.mark.parametrize(
+    ("name", "constructor", "sentence"),
+    [
+        ("hopper", Corridor, "'hopper' is a built-in environment"),
+        ("brax/ant", Corridor, "'brax/ant' is a built-in environment"),
+        ("", Corridor, "name = '' must be"),
+        (3, Corridor, "name = 3 must be"),
+        ("file.py:Task", Corridor, "must be a string that is not empty and names no file"),
+        ("mine", 3, "constructor = 3 must be a class or function"),
+    ],
+)
+def test_names_and_constructors_that_cannot_be_registered(name, constructor, sentence):
+    with pytest.raises(UsageError) as error:
+        hitmdp_jax.register_env(name, constructor)
+    assert sentence in str(error.value)
+
+
+@pytest.mark.usefixtures("registry")
+def test_what_makes_no_environment_is_refused():
+    hitmdp_jax.register_env("mine", dict)
+    with pytest.raises(UsageError, match=r"'mine' makes no environment"):
+        hitmdp_jax.make_env("mine")
+
+
+def test_errors_of_a_users_own_file_keep_their_traceback(tmp_path):
+    file = tmp_path / "broken_task.py"
+    file.write_text("class Late:\n    def __init__(self):\n        {}['goal']\n")
+    with pytest.raises(KeyError, match=r"goal") as error:
+        hitmdp_jax.make_env(f"{file}:Late")
+    assert str(error.traceback[-1].path) == str(file)
+    with pytest.raises(UsageError, match=r"Unknown class of .*'Lat'; did you mean 'Late'\?"):
+        check_env(f"{file}:Lat")

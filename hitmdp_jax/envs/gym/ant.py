@@ -2,12 +2,14 @@
 
 import jax
 import jax.numpy as jnp
+import mujoco
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.gym.health import Health
 from hitmdp_jax.envs.gym.initial import normal_velocity_around_rest
 from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState
+from hitmdp_jax.errors import unknown_name
 
 FRAME_SKIP = 5  # substeps of 0.01 s, RK4
 ROOT_Z = 2  # qpos: height of the torso, m; x and y come before it, its quaternion after it
@@ -80,7 +82,7 @@ class Ant(MujocoEnv):
         # v4 observes the world's forces, too, which are zero.
         self._first_observed_body = 0 if version == "v4" else 1
         self._contact_force_range = contact_force_range
-        self._main_body = model.body(main_body).id
+        self._main_body = find_body(model, main_body)
         self._health = Health(healthy_reward, terminate_when_unhealthy, version)
         self._healthy_z_range = healthy_z_range
         self._reset_noise_scale = reset_noise_scale
@@ -129,3 +131,17 @@ class Ant(MujocoEnv):
     def _contact_forces(self, data: PhysicsState) -> jax.Array:
         """Return the clipped external torque and force on each body [14, 6], N m and N."""
         return jnp.clip(data["cfrc_ext"], *self._contact_force_range)
+
+
+def find_body(model: mujoco.MjModel, body: int | str) -> int:
+    """Return the number of a body of a model, given by number or name.
+
+    Raises:
+      UsageError: the model has no such body.
+    """
+    numbers = {model.body(i).name: i for i in range(model.nbody) if model.body(i).name}
+    if body in numbers:
+        return numbers[body]
+    if isinstance(body, int) and 0 <= body < model.nbody:
+        return body
+    raise unknown_name("main_body", str(body), numbers)

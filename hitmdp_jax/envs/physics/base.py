@@ -96,7 +96,7 @@ class Physics(Protocol):
 class Engine(abc.ABC):
     """A physics engine: what it can run, what it needs for it, and how it is built.
 
-    An engine is one file with a subclass of this, and one line in `ENGINES`.
+    An engine is one file with a subclass of this, and its entry in `ENGINES`.
 
     Attributes:
       name: what the user calls it.

@@ -4,8 +4,6 @@ import jax
 import jax.numpy as jnp
 from brax.envs.base import Env, State
 
-from hitmdp_jax.envs.physics import PhysicsChoice
-
 ROAST_THRESHOLD = 0.0  # actions above it roast, others stuff
 STUFFED_REWARD = 10.0
 PLAIN_REWARD = -10.0
@@ -25,9 +23,6 @@ class Turkey(Env):
     observation_size = 2  # pyright: ignore[reportAssignmentType]
     action_size = 1  # pyright: ignore[reportAssignmentType]
     backend = "none"  # pyright: ignore[reportAssignmentType]
-
-    def __init__(self, physics: PhysicsChoice = "none"):
-        """Take a physics engine's name, as every task does, and ignore it."""
 
     def reset(self, rng: jax.Array) -> State:
         """Return the raw, plain turkey; there is nothing random in it."""
