@@ -14,10 +14,10 @@ from rich.table import Table
 from hitmdp_jax.analysis.evaluation import ENGINES, Scores, score
 from hitmdp_jax.commands.settings import guarded
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training.checkpoint import Progress, saved_iterations
+from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.host import set_up_host
-from hitmdp_jax.training.policy import Policy, load
+from hitmdp_jax.training.policy import Policy, load_all
 from hitmdp_jax.training.run import Run
 
 COLUMNS = (
@@ -52,10 +52,12 @@ def _main() -> None:
     engine = options.engine or config.physics
     which = int(options.checkpoint) if options.checkpoint.isdecimal() else options.checkpoint
     set_up_host(engine if engine != "gymnasium" else config.physics, options.episodes)
-    iteration = which if isinstance(which, int) else max(saved_iterations(options.run_dir), default=0)
+    iteration, everyone = load_all(options.run_dir, which)
     rows = []
     for seed in chosen:
-        policy = load(options.run_dir, seed, which)
+        if seed not in seeds:
+            raise UsageError(f"seed = {seed} is not in the run: {seeds.start} to {seeds.stop - 1}.")
+        policy = everyone.of(seed - config.seed)
         key = jax.random.key(seed + SEED_OFFSET)
         scores = score(policy, config, engine, options.episodes, key, options.deterministic)
         rows.append(row(scores, iteration, seed, engine, options.deterministic))
@@ -117,11 +119,10 @@ class Evaluation:
         assert state is not None
         here = jax.local_devices()[0]
         learned = jax.device_put((state.learner.params, state.normalizer), here)
-        rows = []
-        for i in range(config.seeds):
-            policy = Policy(run.agent, *jax.tree.map(lambda x, i=i: x[i], learned))
-            key = jax.random.fold_in(jax.random.key(config.seed + i + SEED_OFFSET), progress.iteration)
-            scores = score(policy, config, config.physics, config.eval_episodes, key, True)
-            rows.append(row(scores, progress.iteration, config.seed + i, config.physics, True))
+        everyone, rows = Policy(run.agent, *learned), []
+        for i, seed in enumerate(range(config.seed, config.seed + config.seeds)):
+            key = jax.random.fold_in(jax.random.key(seed + SEED_OFFSET), progress.iteration)
+            scores = score(everyone.of(i), config, config.physics, config.eval_episodes, key, True)
+            rows.append(row(scores, progress.iteration, seed, config.physics, True))
         append(self._run_dir, rows)
         return {"evaluation_return": np.array([entry["return"] for entry in rows])}

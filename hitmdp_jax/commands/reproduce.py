@@ -27,8 +27,8 @@ from hitmdp_jax.commands.settings import Settings, folder_setting, guarded
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import already_there, is_finished
-from hitmdp_jax.training.policy import load
 from hitmdp_jax.training.interrupt import SIGNALS
+from hitmdp_jax.training.policy import load
 
 
 def main() -> None:

@@ -25,6 +25,7 @@ from hitmdp_jax.training.folder import (
     newest,
 )
 from hitmdp_jax.training.host import set_up_host
+from hitmdp_jax.training.interrupt import InterruptedRunError
 
 RESUMABLE = ("resume", "total_steps")  # what may stand on a command line that resumes a run
 DIVERGED = 3  # the exit code of a run in which a seed was lost
@@ -39,7 +40,7 @@ def main() -> None:
         settings = Settings([a for a in arguments if not a.startswith("-")], multirun)
         swept, overrides = settings.swept(), settings.overrides
         if multirun:
-            overrides = overrides + [f"hydra.sweep.dir={_sweep_folder(settings)}"]
+            overrides = [*overrides, f"hydra.sweep.dir={_sweep_folder(settings)}"]
         elif not flags:
             guarded(lambda: train(settings.values(), [o.split("=")[0] for o in overrides]))
     except UsageError as error:
@@ -99,8 +100,9 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
             run_dir = claim(run_dir, config, values["overwrite"])
     assert run_dir is not None
     if resume is not None and is_finished(run_dir, config):
-        print(f"{run_dir} is finished: {config.last_iteration * config.steps_per_iteration:,} env "
-              "steps. A larger total_steps goes on.")
+        print(
+            f"{run_dir} is finished: {config.env_steps:,} env steps. A larger total_steps goes on."
+        )
         return 0
     return _run(config, run_dir, resume=bool(resume and saved_iterations(run_dir)))
 
@@ -115,7 +117,7 @@ def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
     hooks = [Evaluation(config, run_dir)] if config.eval_every else []
     try:
         outcome = loop.run(config, run_dir, resume=resume, hooks=hooks)
-    except loop.Interrupted as stop:
+    except InterruptedRunError as stop:
         print(f"Stopped before the first iteration; nothing to save in {run_dir}.", flush=True)
         os._exit(128 + stop.signum)  # the compiler's thread cannot be stopped otherwise
     where = f"Stopped at {outcome.env_steps:,} env steps, saved"
@@ -158,6 +160,6 @@ def _resumed(run_dir: Path, names: list[str], total_steps: Any) -> RunConfig:
     if changed.iterations < done:
         raise UsageError(
             f"total_steps = {changed.total_steps:,} is less than the "
-            f"{done * config.steps_per_iteration:,} that '{run_dir}' has done."
+            f"{changed.steps_after(done):,} that '{run_dir}' has done."
         )
     return changed

@@ -127,8 +127,8 @@ class Checkpoints:
                 self._manager.delete(iteration)
         return progress
 
-    def restore_policy(self, which: int | str = "newest") -> dict[str, Any]:
-        """Return a checkpoint's `policy_of(state)`, parameters and normaliser [S, ...].
+    def restore_policy(self, which: int | str = "newest") -> tuple[int, dict[str, Any]]:
+        """Return a checkpoint's iteration and `policy_of(state)`: parameters, normaliser [S, ...].
 
         Args:
           which: "newest", "best", or the iteration of one.
@@ -137,9 +137,9 @@ class Checkpoints:
           UsageError: there is no such checkpoint.
         """
 
-        def read(iteration: int) -> dict[str, Any]:
+        def read(iteration: int) -> tuple[int, dict[str, Any]]:
             self._words(iteration)
-            return self._read(iteration, POLICY, self._claimed(iteration, POLICY))
+            return iteration, self._read(iteration, POLICY, self._claimed(iteration, POLICY))
 
         if which == "newest":
             return self._newest(read)
@@ -204,9 +204,10 @@ class Checkpoints:
         there, here = _by_path(found), _by_path(wanted)
         for path in sorted({*there, *here}):
             if there.get(path) != here.get(path):
+                saved, wanted = _shown(there.get(path)), _shown(here.get(path))
                 raise UsageError(
                     f"The checkpoint in '{self.folder}' does not fit its config.yaml: {path} is "
-                    f"{_shown(there.get(path))} in it, and {_shown(here.get(path))} by the settings."
+                    f"{saved} in it, and {wanted} by the settings."
                 )
 
     def _attempt(self, action: Callable[[], Any]) -> None:
@@ -254,8 +255,10 @@ def _score(metrics: Any) -> float:
 def _by_path(tree: Any) -> dict[str, tuple[int, ...]]:
     leaves = jax.tree.leaves_with_path(tree, is_leaf=lambda x: hasattr(x, "shape"))
     names = ("/".join(_key(k) for k in path) for path, _ in leaves)
-    return {name: tuple(np.shape(x) if not hasattr(x, "shape") else x.shape) for name, (_, x) in
-            zip(names, leaves, strict=True)}
+    return {
+        name: tuple(np.shape(x) if not hasattr(x, "shape") else x.shape)
+        for name, (_, x) in zip(names, leaves, strict=True)
+    }
 
 
 def _key(entry: Any) -> str:

@@ -74,7 +74,8 @@ class RunConfig:
             raise unknown_name("wandb", str(values["wandb"]), WANDB)
         for name in ("algo", "env", "second_env"):
             given = values.get(name)
-            if not (isinstance(given, Mapping) and "name" in given) and (given or name == "algo"):
+            named = isinstance(given, Mapping) and "name" in given
+            if not named and (given is not None or name == "algo"):
                 raise UsageError(f"{name} = {given} must hold a name and its settings.")
         config = cls(**values)
         if config.seed + config.seeds > 2**32:
@@ -142,9 +143,19 @@ class RunConfig:
         """Environment steps of one seed in one iteration."""
         return self.num_envs * self.rollout_length
 
-    def reports_in(self, env_steps: int) -> int:
-        """Return how many reports cover that many environment steps of a seed, at least one."""
-        return max(1, env_steps // (self.steps_per_iteration * self.iterations_per_report))
+    @property
+    def env_steps(self) -> int:
+        """Environment steps of one seed in the whole run."""
+        return self.steps_after(self.last_iteration)
+
+    def steps_after(self, iteration: int) -> int:
+        """Return the environment steps of one seed after so many iterations."""
+        return iteration * self.steps_per_iteration
+
+    def iterations_in(self, env_steps: int) -> int:
+        """Return the iterations in so many environment steps of a seed: whole reports, not none."""
+        per_report = self.iterations_per_report
+        return max(1, env_steps // (self.steps_per_iteration * per_report)) * per_report
 
     def differences(self, other: "RunConfig") -> list[str]:
         """Return what would make the two runs' results differ: `name: here, there`, a line each."""

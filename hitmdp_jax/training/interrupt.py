@@ -11,7 +11,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 Result = TypeVar("Result")
 
 
-class Interrupted(Exception):  # noqa: N818: a request, not an error
+class InterruptedRunError(Exception):
     """The run was asked to stop while there was nothing to save yet."""
 
     def __init__(self, signum: int):
@@ -60,7 +60,7 @@ class StopRequest:
         while that is inside of a compiler.
 
         Raises:
-          Interrupted: the request came first. The thread is left behind: end the process.
+          InterruptedRunError: the request came first. The thread is left behind: end the process.
         """
         if threading.current_thread() is not threading.main_thread():
             return function()
@@ -77,7 +77,7 @@ class StopRequest:
         while thread.is_alive():
             thread.join(0.1)
             if self.signum is not None and thread.is_alive():
-                raise Interrupted(self.signum)
+                raise InterruptedRunError(self.signum)
         if "error" in outcome:
             raise outcome["error"]
         return outcome["result"]

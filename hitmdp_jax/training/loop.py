@@ -18,7 +18,7 @@ from hitmdp_jax.envs.physics.speed import native_speed
 from hitmdp_jax.training.checkpoint import Checkpoints, Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import CONFIG, locked
-from hitmdp_jax.training.interrupt import Interrupted, StopRequest
+from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.program import CAUSES, Iterate, TrainState
 from hitmdp_jax.training.run import Run
 from hitmdp_jax.training.sinks import Sinks, Values, open_sinks
@@ -72,7 +72,7 @@ def run(
         stack.callback(checkpoints.close)
         progress = run.restore(checkpoints) if resume else Progress(0, 0, None)
         _write_settings(config, run_dir)
-        terminal = TerminalSink(*(n * config.steps_per_iteration for n in (config.last_iteration, progress.iteration)))
+        terminal = TerminalSink(config.env_steps, config.steps_after(progress.iteration))
         sinks = Sinks(*open_sinks(config, run_dir, progress.iteration), terminal)
         stack.callback(sinks.close)
         terminal.message(title(run))
@@ -108,7 +108,7 @@ def iterate(
     """Train on a task to its end, or until asked to stop."""
     config = run.config
     last = (progress.task + 1) * config.iterations
-    per_checkpoint = config.reports_in(config.checkpoint_steps) * config.iterations_per_report
+    per_checkpoint = config.iterations_in(config.checkpoint_steps)
     while progress.iteration < last and not stop.requested:
         assert progress.state is not None
         progress.state, metrics = step(progress.state)
@@ -143,7 +143,7 @@ class Reporter:
         extra: Values = {}
         for hook in self._hooks:
             extra |= dict.fromkeys(hook.names, np.full(config.seeds, np.nan))
-            if progress.iteration % (config.reports_in(hook.every) * config.iterations_per_report) == 0:
+            if progress.iteration % config.iterations_in(hook.every) == 0:
                 extra |= hook(self._run, progress)
         self._pending = progress.iteration, metrics | extra
 
@@ -160,7 +160,7 @@ class Reporter:
         values["steps_per_second"] = np.full(config.seeds, speed)
         known = values["recent_return"][~np.isnan(values["recent_return"])]
         self.recent_return = float(known.mean()) if known.size else float("nan")
-        self._sinks.write(iteration, iteration * config.steps_per_iteration, values)
+        self._sinks.write(iteration, config.steps_after(iteration), values)
 
 
 def outcome(run: Run, progress: Progress, stop: StopRequest, checkpoints: Checkpoints) -> Outcome:
@@ -169,12 +169,10 @@ def outcome(run: Run, progress: Progress, stop: StopRequest, checkpoints: Checkp
     assert isinstance(state, TrainState)
     at, cause = jax.device_get((state.diverged, state.cause))
     return Outcome(
-        env_steps=progress.iteration * config.steps_per_iteration,
+        env_steps=config.steps_after(progress.iteration),
         finished=progress.iteration >= config.last_iteration,
         signum=stop.signum,
-        diverged={
-            config.seed + i: (int(at[i]), CAUSES[int(cause[i])]) for i in np.flatnonzero(at)
-        },
+        diverged={config.seed + i: (int(at[i]), CAUSES[int(cause[i])]) for i in np.flatnonzero(at)},
         failure=checkpoints.failure,
     )
 
@@ -198,6 +196,3 @@ def _write_settings(config: RunConfig, run_dir: Path) -> None:
     beside = run_dir / f"{CONFIG}.tmp"
     beside.write_text(config.to_yaml())
     os.replace(beside, run_dir / CONFIG)
-
-
-__all__ = ["Hook", "Interrupted", "Outcome", "run"]

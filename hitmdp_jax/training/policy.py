@@ -47,6 +47,11 @@ class Policy(struct.PyTreeNode):
         action, memory, _ = self.agent.act(self.params, obs, memory, key, deterministic)
         return action, memory
 
+    def of(self, number: int) -> "Policy":
+        """Return the policy of one seed, by its place among policies whose leaves are [S, ...]."""
+        params, normalizer = jax.tree.map(lambda x: x[number], (self.params, self.normalizer))
+        return self.replace(params=params, normalizer=normalizer)
+
     def normalized(self, obs: jax.Array) -> jax.Array:
         """Return raw observations [..., O] as the agent sees them; Raises as `act`."""
         size = self.normalizer.mean.shape[-1]
@@ -73,14 +78,12 @@ def load(run_dir: str | Path, seed: int | None = None, checkpoint: int | str = "
             f"seed = {seed} is not in the run '{run_dir}', which holds {seeds.start} to "
             f"{seeds.stop - 1}."
         )
-    everyone = load_all(run_dir, checkpoint)
-    number = 0 if seed is None else seed - config.seed
-    params, normalizer = jax.tree.map(lambda x: x[number], (everyone.params, everyone.normalizer))
-    return everyone.replace(params=params, normalizer=normalizer)
+    _, everyone = load_all(run_dir, checkpoint)
+    return everyone.of(0 if seed is None else seed - config.seed)
 
 
-def load_all(run_dir: str | Path, checkpoint: int | str = "newest") -> Policy:
-    """Load the policies of all seeds of a run: `params` and `normalizer` are [S, ...].
+def load_all(run_dir: str | Path, checkpoint: int | str = "newest") -> tuple[int, Policy]:
+    """Return a checkpoint's iteration and the policies of all seeds, their leaves [S, ...].
 
     Args and Raises as `load`.
     """
@@ -88,12 +91,12 @@ def load_all(run_dir: str | Path, checkpoint: int | str = "newest") -> Policy:
     config = RunConfig.load(run_dir)
     checkpoints = Checkpoints(run_dir, read_only=True)
     try:
-        saved = checkpoints.restore_policy(checkpoint)
+        iteration, saved = checkpoints.restore_policy(checkpoint)
     finally:
         checkpoints.close()
     policy = Policy(config.make_agent(), saved["params"], normalizer_of(saved))
     _check_fit(policy, config, run_dir)
-    return policy
+    return iteration, policy
 
 
 def _check_fit(policy: Policy, config: RunConfig, run_dir: Path) -> None:

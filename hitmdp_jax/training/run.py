@@ -38,7 +38,7 @@ class Run:
         init, step = make_train(
             self.agent,
             self.envs[task],
-            num_steps=config.last_iteration * config.steps_per_iteration,
+            num_steps=config.env_steps,
             num_envs=config.num_envs,
             rollout_length=config.rollout_length,
         )

@@ -2,6 +2,7 @@ import csv
 
 import numpy as np
 import pytest
+from hitmdp_jax.training.records import Records
 
 from hitmdp_jax.analysis.comparison import (
     compare,
@@ -10,7 +11,6 @@ from hitmdp_jax.analysis.comparison import (
     interquartile_means,
     save_table,
 )
-from hitmdp_jax.training.records import Records
 
 
 def write_run(folder, level):

@@ -1,7 +1,7 @@
 import numpy as np
+from hitmdp_jax.training.records import Records
 
 from hitmdp_jax.analysis.figures import draw_figures, read_metrics, smooth, window_sum
-from hitmdp_jax.training.records import Records
 
 
 def write_run(folder, iterations=30, options=True):

@@ -1,12 +1,11 @@
 import dataclasses
 from pathlib import Path
 
-import hydra
 import pytest
 import yaml
-from omegaconf import OmegaConf
 
 from hitmdp_jax.agents import AGENTS
+from hitmdp_jax.commands.settings import HOST_SETTINGS, Settings
 from hitmdp_jax.envs import list_envs
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.config import RunConfig
@@ -41,7 +40,11 @@ def test_every_setting_of_the_yaml_is_known():
     settings = yaml.safe_load((CONFIGS / "config.yaml").read_text())
     names = {f.name for f in dataclasses.fields(RunConfig)}
     from_groups = {"env", "algo", "second_env"}
-    assert set(settings) - {"defaults", "hydra", "resume", "run_dir"} | from_groups == names
+    host = {"defaults", "hydra", *HOST_SETTINGS}
+    assert set(settings) - host | from_groups == names
+    for field in dataclasses.fields(RunConfig):
+        if field.name not in from_groups:
+            assert settings[field.name] == field.default, field.name
 
 
 def test_every_pair_names_two_tasks():
@@ -55,12 +58,8 @@ def test_every_pair_names_two_tasks():
 
 @pytest.mark.parametrize("algo", sorted(AGENTS))
 def test_a_transfer_has_relu_bodies_and_switches_after_total_steps(algo):
-    with hydra.initialize_config_dir(str(CONFIGS), version_base="1.3"):
-        overrides = [f"algo={algo}", "experiment=transfer", "pair=fish", "total_steps=10_000"]
-        settings = OmegaConf.to_container(hydra.compose("config", overrides=overrides))
-    config = RunConfig.from_mapping(
-        {k: v for k, v in settings.items() if k not in ("resume", "run_dir")}
-    )
+    overrides = [f"algo={algo}", "experiment=transfer", "pair=fish", "total_steps=10_000"]
+    config = Settings(overrides).config()
     assert config.make_agent().activation == "relu"
     assert config.task_title == "dmc/fish_upright, then dmc/fish_downleft"
     assert 10_000 <= config.switch_at < 10_000 + 2048
@@ -69,7 +68,7 @@ def test_a_transfer_has_relu_bodies_and_switches_after_total_steps(algo):
 
 def test_settings_survive_saving(tmp_path):
     config = RunConfig.from_mapping(SETTINGS)
-    config.save(tmp_path / "config.yaml")
+    (tmp_path / "config.yaml").write_text(config.to_yaml())
     assert RunConfig.load(tmp_path) == config
     assert config.total_steps == 1_000_000
     assert config.iterations == 489
@@ -90,6 +89,16 @@ def test_settings_survive_saving(tmp_path):
         ({"env": {"name": "cheetah"}}, "did you mean 'halfcheetah'?"),
         ({"rollout_length": 10}, "is not divisible by minibatch_size = 64"),
         ({"steps": 3}, "Unknown setting 'steps'"),
+        ({"total_steps": 1e20}, "total_steps = 1e+20 must be a positive whole number, at most"),
+        ({"total_steps": float("nan")}, "total_steps = nan must be a positive whole number"),
+        ({"total_steps": float("inf")}, "total_steps = inf must be a positive whole number"),
+        ({"seed": 12345678901234567890}, "seed = 12345678901234567890 must be a whole number"),
+        ({"seed": 2**32 - 1, "seeds": 2}, "must be a whole number below 2^32 - seeds"),
+        ({"wandb": "on"}, "Unknown wandb 'on'"),
+        ({"env": "halfcheetah"}, "env = halfcheetah must hold a name"),
+        ({"algo": {}}, "algo = {} must hold a name"),
+        ({"algo": {"name": "ppo", "learning_rate": float("inf")}}, "learning_rate = inf must be"),
+        ({"algo": {"name": "ppo", "gamma": float("nan")}}, "gamma = nan must be"),
     ],
 )
 def test_mistakes_are_explained(change, sentence):
@@ -102,3 +111,38 @@ def test_mistakes_are_explained(change, sentence):
 def test_a_folder_without_a_run_is_explained(tmp_path):
     with pytest.raises(UsageError, match="is not a run's folder"):
         RunConfig.load(tmp_path)
+
+
+def test_a_run_of_an_older_version_takes_the_defaults(tmp_path):
+    (tmp_path / "config.yaml").write_text("algo: {name: ppo}\nenv: {name: halfcheetah}\n")
+    config = RunConfig.load(tmp_path)
+    assert config.eval_every == 0
+    assert config.num_envs == 16
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("schema: 99\nalgo: {name: ppo}\n", "written by a newer hitmdp_jax (schema 99"),
+        ("schema: x\nalgo: {name: ppo}\n", "written by a newer hitmdp_jax"),
+        ("", "does not hold a run's settings"),
+        ("- a\n- list\n", "does not hold a run's settings"),
+        ("algo: {name: ppo\n", "does not hold a run's settings"),
+        ("env: {name: halfcheetah}\n", "algo = None must hold a name"),
+        ("algo: {name: ppo}\nfuture_setting: 1\n", "Unknown setting 'future_setting'"),
+        ("algo: !!python/object/apply:os.getcwd []\n", "does not hold a run's settings"),
+    ],
+)
+def test_settings_that_cannot_be_read_are_explained(tmp_path, text, sentence):
+    (tmp_path / "config.yaml").write_text(text)
+    with pytest.raises(UsageError) as error:
+        RunConfig.load(tmp_path)
+    assert sentence in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_differences_are_named_and_those_beside_the_point_are_not():
+    one = RunConfig.from_mapping(SETTINGS)
+    other = RunConfig.from_mapping(SETTINGS | {"seeds": 3, "checkpoint_steps": 7, "eval_every": 5})
+    assert one.differences(other) == ["seeds: 1 here, 3 there"]
+    assert one.differences(RunConfig.from_mapping(one.to_dict())) == []

@@ -90,5 +90,5 @@ def test_the_newest_run_is_found(tmp_path):
 def test_a_folder_that_cannot_be_made_is_explained(tmp_path):
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "file" / "run"):
-        with pytest.raises(UsageError, match="is not a folder|cannot be written"):
+        with pytest.raises(UsageError, match=r"is not a folder|cannot be written"):
             claim(folder, CONFIG)

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from hitmdp_jax.training.interrupt import SIGNALS, Interrupted, StopRequest
+from hitmdp_jax.training.interrupt import SIGNALS, InterruptedRunError, StopRequest
 
 
 @pytest.mark.parametrize("signum", SIGNALS)
@@ -45,7 +45,7 @@ def test_a_signal_ends_the_wait_for_a_long_call():
         time.sleep(5)
 
     start = time.monotonic()
-    with StopRequest() as stop, pytest.raises(Interrupted) as interrupted:
+    with StopRequest() as stop, pytest.raises(InterruptedRunError) as interrupted:
         stop.wait_for(long)
     assert interrupted.value.signum == signal.SIGTERM
     assert time.monotonic() - start < 2

@@ -63,7 +63,7 @@ class WandbSink:
                 known = known[~np.isnan(known)]
                 if known.size:
                     points[name] = float(known.mean())
-            run.log(points, step=env_steps)
+            run.log(points, step=env_steps, commit=True)
 
     def close(self) -> None:
         """Finish the runs."""

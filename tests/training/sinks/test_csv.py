@@ -65,5 +65,5 @@ def test_resuming_leaves_a_torn_row_out(written, torn):
     sink = CsvSink(written, first_seed=0, resume_after=3)
     sink.write(4, 40, metrics(4.0))
     sink.close()
-    assert [row["iteration"] for row in rows_of(written)] == [str(i) for i in (1, 1, 2, 2, 3, 3, 4, 4)]
+    assert "".join(row["iteration"] for row in rows_of(written)) == "11223344"
     assert read_metrics(written)["a_metric"].shape == (2, 4)

@@ -27,9 +27,7 @@ def shown(monkeypatch):
     def run(*reports, terminal=False, total=4096):
         out = io.StringIO()
         console = Console(file=out, width=80, force_terminal=terminal, highlight=False)
-        monkeypatch.setattr(
-            "hitmdp_jax.training.sinks.terminal.Console", lambda **_: console
-        )
+        monkeypatch.setattr("hitmdp_jax.training.sinks.terminal.Console", lambda **_: console)
         sink = TerminalSink(total)
         for i, report in enumerate(reports, start=1):
             sink.write(i, 2048 * i, report)
