@@ -13,7 +13,6 @@ import time
 from pathlib import Path
 
 import jax
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -24,7 +23,6 @@ from hitmdp_jax.analysis.comparison import (
     Result,
     compare,
     comparison_figure,
-    interquartile_means,
     save_table,
     table,
 )
@@ -65,14 +63,13 @@ def run_comparison(settings: dict[str, str]) -> None:
     """Train every algorithm in a process of its own and compare the runs.
 
     Raises:
-      UsageError: an algorithm is unknown, an extra is missing, or a run failed.
+      UsageError: an algorithm is unknown, or a run failed.
     """
     named = settings.pop("algos", "all")
     algos = sorted(AGENTS) if named == "all" else named.split(",")
     for algo in algos:
         if algo not in AGENTS:
             raise unknown_name("algo", algo, AGENTS)
-    interquartile_means({"check": np.arange(4.0)})  # before hours of training, not after
     name = settings.get("pair", settings.get("env", "halfcheetah"))
     default = f"runs/compare/{name}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
     folder = Path(settings.pop("run_dir", default))
