@@ -1,11 +1,11 @@
 """`load`: a trained policy from a run's folder."""
 
-import dataclasses
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+from flax import struct
 
 from hitmdp_jax.agents import Agent
 from hitmdp_jax.envs import make_env
@@ -16,9 +16,8 @@ from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.program import TrainState, make_train
 
 
-@dataclasses.dataclass(frozen=True)
-class Policy:
-    """A trained policy with its observation normaliser; pure, so that it jits and vmaps.
+class Policy(struct.PyTreeNode):
+    """A trained policy with its observation normaliser: a pytree, so that it jits and vmaps.
 
     >>> policy = load("runs/halfcheetah/mopg/...")  # doctest: +SKIP
     >>> memory = policy.initial_memory(key)  # doctest: +SKIP
