@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hitmdp_jax.analysis.evaluation import ENGINES, Scores, score
+from hitmdp_jax.analysis.statistics import number
 from hitmdp_jax.errors import UsageError, exit_with
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.host import set_up_host
@@ -47,7 +48,7 @@ def row(scores: Scores) -> list[str]:
     returns, lengths = scores.returns, scores.lengths
     numbers = returns.mean(), returns.std(), returns.min(), returns.max(), scores.standard_error
     length = f"{lengths.mean():.1f} ({lengths.min()} to {lengths.max()})"
-    return [f"{x:,.1f}" for x in numbers] + [length]
+    return [number(x, ",.1f") for x in numbers] + [length]
 
 
 if __name__ == "__main__":
