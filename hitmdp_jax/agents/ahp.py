@@ -63,6 +63,10 @@ class AHP(ClippedOptionAgent):
         """Return V[s_t, o_{t-1}] [...]; the last output where an episode starts."""
         return at_option(heads.value, jnp.where(memory.initial, self.num_options, memory.previous))
 
+    def option_of(self, record: tuple[jax.Array, jax.Array]) -> jax.Array:
+        """Return o_t."""
+        return record[0]
+
     def update(
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:

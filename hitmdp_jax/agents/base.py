@@ -85,6 +85,14 @@ class Agent(Protocol):
         """
         ...
 
+    def option_of(self, record: Any) -> jax.Array | None:
+        """Return the option [...] that a record of `act` names; None without options."""
+        ...
+
+    def option_probs(self, params: Any, obs: jax.Array, memory: Any) -> jax.Array | None:
+        """Return P(o_t | s_t, memory) [..., K] for normalised obs; None without options."""
+        ...
+
     def update(
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:

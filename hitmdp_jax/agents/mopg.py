@@ -197,6 +197,15 @@ class MOPG(struct.PyTreeNode):
         )
         return action.reshape(*batch_shape, -1), memory, option
 
+    def option_of(self, record: jax.Array) -> jax.Array:
+        """Return o_t."""
+        return record
+
+    def option_probs(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
+        """Return P(o_t | s_t, o_{t-1}) [..., K]."""
+        flat = obs.reshape(-1, obs.shape[-1]), self.previous_option(memory.reshape(-1))
+        return jnp.exp(self.master_log_probs(params, *flat)).reshape(*memory.shape, -1)
+
     def update(
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:

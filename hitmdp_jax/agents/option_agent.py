@@ -98,6 +98,14 @@ class OptionAgent(struct.PyTreeNode):
         action = policy.mode() if deterministic else policy.sample(seed=key_action)
         return action, OptionMemory(option, jnp.zeros_like(memory.initial)), record
 
+    def option_of(self, record: Any) -> jax.Array:
+        """Return o_t."""
+        return record
+
+    def option_probs(self, params: Any, obs: jax.Array, memory: Any) -> jax.Array:
+        """Return P(o_t | s_t, o_{t-1}) [..., K]."""
+        return jnp.exp(self.option_log_probs(self.heads(params, obs), memory))
+
     def evaluate(self, params: Any, batch: Batch) -> tuple[dict[str, Any], OptionValues, Metrics]:
         """Evaluate a rollout with the policy that collected it.
 

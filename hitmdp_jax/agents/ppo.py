@@ -87,6 +87,12 @@ class PPO(struct.PyTreeNode):
         policy, _ = self.apply(params, obs)
         return (policy.mode() if deterministic else policy.sample(seed=key)), (), ()
 
+    def option_of(self, record: tuple[()]) -> None:
+        """Return None: PPO has no options."""
+
+    def option_probs(self, params: Any, obs: jax.Array, memory: tuple[()]) -> None:
+        """Return None: PPO has no options."""
+
     def update(
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:

@@ -9,10 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hitmdp_jax.analysis.figures import OPTION_COLORS, read_metrics, smooth
-from hitmdp_jax.errors import missing_extra
+from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number
 
 FINAL_STEPS = 100_000  # environment steps whose episodes make up a final return
-BOOTSTRAPS = 2000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,7 +21,7 @@ class Result:
     algo: str
     final_returns: np.ndarray  # [S] mean over the last FINAL_STEPS of each seed
     iqm: float  # interquartile mean over seeds
-    iqm_low: float  # 95% stratified bootstrap interval of it
+    iqm_low: float  # 95% bootstrap interval of it; NaN for a single seed
     iqm_high: float
     steps_per_second: float  # of all seeds together, median over the run
     parameters: int
@@ -31,6 +30,8 @@ class Result:
 def final_returns(metrics: Mapping[str, np.ndarray], since: int = 0) -> np.ndarray:
     """Return each seed's mean return [S] over episodes that ended in the last FINAL_STEPS.
 
+    It is NaN for a seed in which none did.
+
     Args:
       metrics: as `read_metrics` gives them.
       since: environment steps before which no episode counts.
@@ -38,31 +39,9 @@ def final_returns(metrics: Mapping[str, np.ndarray], since: int = 0) -> np.ndarr
     steps = metrics["env_steps"][0]
     last = steps > max(steps[-1] - FINAL_STEPS, since)
     returns, episodes = metrics["episode_return"][:, last], metrics["episodes"][:, last]
-    return np.nansum(returns * episodes, axis=1) / episodes.sum(axis=1)
-
-
-def interquartile_means(
-    scores: Mapping[str, np.ndarray],
-) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
-    """Return each algorithm's IQM over seeds [S] and its 95% bootstrap interval.
-
-    Source: Agarwal et al. 2021, "Deep RL at the edge of the statistical precipice" (rliable).
-
-    Raises:
-      UsageError: rliable is not installed.
-    """
-    try:
-        from rliable import library, metrics
-    except ImportError:
-        raise missing_extra("report", "A comparison's table") from None
-    by_task = {name: x[:, None] for name, x in scores.items()}
-    points, intervals = library.get_interval_estimates(
-        by_task, lambda x: np.array([metrics.aggregate_iqm(x)]), reps=BOOTSTRAPS
-    )
-    return (
-        {name: float(point[0]) for name, point in points.items()},
-        {name: (float(low), float(high)) for name, ((low,), (high,)) in intervals.items()},
-    )
+    count = np.nansum(episodes, axis=1)
+    total = np.nansum(returns * episodes, axis=1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def compare(
@@ -74,18 +53,15 @@ def compare(
       run_dirs: algorithm -> its run's folder.
       parameters: algorithm -> number of parameters of one seed.
       since: environment steps before which no episode counts: those of a transfer's first task.
-
-    Raises:
-      UsageError: rliable is not installed.
     """
     runs = {algo: read_metrics(folder) for algo, folder in run_dirs.items()}
     finals = {algo: final_returns(metrics, since) for algo, metrics in runs.items()}
-    points, intervals = interquartile_means(finals)
+    intervals = {algo: bootstrap_interval(interquartile_mean, x) for algo, x in finals.items()}
     return [
         Result(
             algo=algo,
             final_returns=finals[algo],
-            iqm=points[algo],
+            iqm=float(interquartile_mean(finals[algo])),
             iqm_low=intervals[algo][0],
             iqm_high=intervals[algo][1],
             steps_per_second=float(
@@ -102,13 +78,14 @@ def table(results: Sequence[Result]) -> list[list[str]]:
     rows = [["algo", "return", "std", "IQM [95% interval]", "per seed", "steps/s", "parameters"]]
     for result in results:
         returns = result.final_returns
+        iqm, low, high = (number(x) for x in (result.iqm, result.iqm_low, result.iqm_high))
         rows.append(
             [
                 result.algo,
-                f"{returns.mean():.1f}",
-                f"{returns.std():.1f}",
-                f"{result.iqm:.1f} [{result.iqm_low:.1f}, {result.iqm_high:.1f}]",
-                " ".join(f"{x:.0f}" for x in returns),
+                number(returns.mean()),
+                number(returns.std()),
+                f"{iqm} [{low}, {high}]",
+                " ".join(number(x, ".0f") for x in returns),
                 f"{result.steps_per_second:.0f}",
                 str(result.parameters),
             ]

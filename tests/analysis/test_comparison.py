@@ -8,7 +8,6 @@ from hitmdp_jax.analysis.comparison import (
     compare,
     comparison_figure,
     final_returns,
-    interquartile_means,
     save_table,
 )
 
@@ -37,13 +36,6 @@ def test_final_returns_weigh_the_last_episodes():
     np.testing.assert_allclose(final_returns(metrics), [2.0])
     # a transfer's second task began at 250,000
     np.testing.assert_allclose(final_returns(metrics, since=250_000), [5.0])
-
-
-def test_iqm_drops_the_outer_quarters():
-    scores = np.array([-1000.0, 1.0, 2.0, 1000.0])
-    points, intervals = interquartile_means({"a": scores})
-    assert points["a"] == pytest.approx(1.5)
-    assert intervals["a"][0] < 1.5 < intervals["a"][1]
 
 
 def test_runs_are_compared(tmp_path):

@@ -1,13 +1,16 @@
 import subprocess
 import sys
+import warnings
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from brax.training.acme import running_statistics
 
 from hitmdp_jax.agents import MOPG
-from hitmdp_jax.analysis.evaluation import score, score_in_jax
+from hitmdp_jax.analysis import evaluation
+from hitmdp_jax.analysis.evaluation import Scores, score, score_in_jax
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.policy import Policy
@@ -25,6 +28,34 @@ def test_each_environment_scores_its_first_whole_episode(key):
     scores = score_in_jax(untrained(2, 1, key), Counter(), 3, key)
     np.testing.assert_array_equal(scores.returns, [5.0, 5.0, 5.0])
     np.testing.assert_array_equal(scores.lengths, [5, 5, 5])
+
+
+class CountsTraces(Counter):
+    """How often a program that steps it was traced, and so compiled."""
+
+    traces = 0
+
+    def step(self, state, action):
+        CountsTraces.traces += 1
+        return super().step(state, action)
+
+
+def test_all_seeds_of_a_run_share_one_compilation(key, monkeypatch):
+    config = RunConfig.from_mapping(SETTINGS)
+    monkeypatch.setattr(evaluation, "make_env", lambda **_: CountsTraces())
+    traces = []
+    for seed_key in jax.random.split(key, 2):
+        score(untrained(2, 1, seed_key), config, "warp", 3, seed_key)
+        traces.append(CountsTraces.traces)
+    assert traces[0] == traces[1] > 0
+
+
+def test_a_single_episode_has_no_standard_error():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isnan(Scores(np.array([3.0]), np.array([5])).standard_error)
+    # deviations -1 and 1: std sqrt(2), over sqrt(2)
+    assert Scores(np.array([1.0, 3.0]), np.array([5, 5])).standard_error == pytest.approx(1.0)
 
 
 def test_engines_and_gymnasium_agree(key):

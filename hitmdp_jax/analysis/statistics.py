@@ -1,0 +1,73 @@
+"""What a few seeds tell: robust means, comparisons and their intervals.
+
+Source: Agarwal et al. 2021, "Deep RL at the edge of the statistical precipice".
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+BOOTSTRAPS = 10_000
+CONFIDENCE = 0.95
+
+
+def interquartile_mean(*strata: ArrayLike, axis: int = -1) -> Any:
+    """Return the mean of the middle half of all scores, those of every stratum pooled.
+
+    A quarter of the scores, rounded down, is cut off at each end: of fewer than four nothing is,
+    and the interquartile mean is the mean. A score of NaN makes it NaN.
+
+    Args:
+      *strata: the scores, [..., S] each: one array a task, say.
+      axis: that of the scores.
+    """
+    return stats.trim_mean(np.concatenate(strata, axis=axis), 0.25, axis=axis)
+
+
+def probability_of_improvement(x: ArrayLike, y: ArrayLike, axis: int = -1) -> Any:
+    """Return the share of pairs in which x beats y; a tie counts half, NaN makes it NaN.
+
+    Args:
+      x: the scores of one algorithm, [..., S].
+      y: those of the other, [..., S'].
+      axis: that of the scores.
+    """
+    x, y = np.moveaxis(np.asarray(x), axis, -1), np.moveaxis(np.asarray(y), axis, -1)
+    return (0.5 + 0.5 * np.sign(x[..., :, None] - y[..., None, :])).mean(axis=(-2, -1))
+
+
+def bootstrap_interval(statistic: Callable[..., Any], *strata: ArrayLike) -> tuple[float, float]:
+    """Return the 95% percentile interval of a statistic, each stratum resampled by itself.
+
+    The resamples are drawn from a fixed seed, so that a table of the same runs is the same table.
+
+    Args:
+      statistic: of arrays [..., S] along their `axis`, as the two above.
+      *strata: the scores, [S] each, that are its arguments.
+
+    Returns:
+      The interval's ends; NaN where a stratum holds fewer than two scores, which say nothing about
+      spread, or a score of NaN.
+    """
+    samples = [np.asarray(x, float) for x in strata]
+    if any(len(x) < 2 or np.isnan(x).any() for x in samples):
+        return math.nan, math.nan
+    interval = stats.bootstrap(
+        samples,
+        statistic,
+        n_resamples=BOOTSTRAPS,
+        vectorized=True,
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        rng=np.random.default_rng(0),
+    ).confidence_interval
+    return float(interval.low), float(interval.high)
+
+
+def number(x: float, spec: str = ".1f") -> str:
+    """Return a number as a table shows it: "-" where it is not known (NaN)."""
+    return "-" if math.isnan(x) else format(x, spec)
