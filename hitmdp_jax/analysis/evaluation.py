@@ -11,11 +11,12 @@ from brax.envs.base import Env
 
 from hitmdp_jax.analysis.trajectories import record, record_in_gymnasium
 from hitmdp_jax.envs import make_env
+from hitmdp_jax.envs.physics import ENGINES as PHYSICS
 from hitmdp_jax.errors import out_of_domain, unknown_name
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.policy import Policy
 
-ENGINES = ("native", "mjx", "warp", "gymnasium")
+ENGINES = (*PHYSICS, "gymnasium")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,7 +12,7 @@ from flax import struct
 from hitmdp_jax.envs import check_env
 from hitmdp_jax.envs.physics import PhysicsState
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.learning.rollout import normalize
+from hitmdp_jax.learning.normalization import normalize
 from hitmdp_jax.training.policy import Policy
 
 COORDINATES = ("qpos", "qvel", "ctrl")

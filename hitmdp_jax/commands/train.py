@@ -14,6 +14,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from hitmdp_jax.commands.settings import Settings, configs, folder_setting, guarded, run_config
+from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, exit_with
 from hitmdp_jax.training.checkpoint import saved_iterations
 from hitmdp_jax.training.config import RunConfig
@@ -94,6 +95,7 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
         config = _resumed(run_dir, names, values["total_steps"])
     else:
         config = run_config(values)
+        find_engine(config.physics).check()
         if go_on and run_dir is not None and already_there(run_dir, config):
             resume = run_dir
         else:

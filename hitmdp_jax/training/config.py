@@ -80,7 +80,7 @@ class RunConfig:
         config = cls(**values)
         if config.seed + config.seeds > 2**32:
             raise out_of_domain("seed", config.seed, "a whole number below 2^32 - seeds")
-        find_engine(config.physics).check()
+        find_engine(config.physics)
         for task in config.tasks:
             check_env(**task)
         check_sizes(config.make_agent(), config.total_steps, config.num_envs, config.rollout_length)

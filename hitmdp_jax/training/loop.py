@@ -12,9 +12,10 @@ from typing import Protocol
 import jax
 import numpy as np
 
-from hitmdp_jax.agents.base import Metrics
 from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.physics import NativeEngine
 from hitmdp_jax.envs.physics.speed import native_speed
+from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.training.checkpoint import Checkpoints, Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import CONFIG, locked
@@ -186,7 +187,7 @@ def title(run: Run) -> str:
         f"physics {env.backend} on {len(devices)} × {'CPU' if on_cpu else devices[0].device_kind}",
         f"{config.num_envs} envs × {config.seeds} seeds",
     ]
-    if isinstance(env, MujocoEnv) and env.backend == "mjx" and on_cpu:
+    if on_cpu and isinstance(env, MujocoEnv) and env.backend != NativeEngine.name:
         speed = native_speed(env.model, env.physics.frame_skip)
         parts.append(f"physics=native would step {speed:,.0f} envs a second here")
     return ", ".join(parts)

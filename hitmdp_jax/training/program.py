@@ -10,10 +10,10 @@ from brax.envs.base import Env
 from brax.training.acme.running_statistics import RunningStatisticsState
 from flax import struct
 
-from hitmdp_jax.agents.base import Agent, LearnerState, Metrics, check_hyperparameters
+from hitmdp_jax.agents.base import Agent, LearnerState, check_hyperparameters
 from hitmdp_jax.envs.vector import Step, VectorEnv
 from hitmdp_jax.errors import UsageError, out_of_domain
-from hitmdp_jax.learning.metrics import over_iterations
+from hitmdp_jax.learning.metrics import Metrics, describe, over_iterations
 from hitmdp_jax.learning.normalization import initial_statistics, update_statistics
 from hitmdp_jax.learning.rollout import RolloutState, collect
 
@@ -89,7 +89,8 @@ def check_sizes(agent: Agent, num_steps: Any, num_envs: Any, rollout_length: Any
     for name, size in sizes.items():
         if not isinstance(size, int) or isinstance(size, bool) or size < 1:
             raise out_of_domain(name, size, "a positive whole number")
-    agent.check_batch(rollout_length, num_envs)
+    spelled = f"rollout_length * num_envs = {rollout_length} * {num_envs}"
+    agent.check_batch(rollout_length * num_envs, spelled)
 
 
 def make_train(
@@ -213,10 +214,11 @@ def freeze_diverged(
         cause=jnp.where(first, cause, old.cause).astype(jnp.int32),
     )
 
-    def blank(x: jax.Array) -> jax.Array:
-        return jnp.where(healthy, x, jnp.nan if jnp.issubdtype(x.dtype, jnp.floating) else 0)
+    def nothing(name: str, x: jax.Array) -> jax.Array:
+        return jnp.zeros_like(x) if describe(name).over_iterations == "sum" else x * jnp.nan
 
-    return kept, jax.tree.map(blank, metrics) | {"diverged": ~healthy}
+    told = {name: jnp.where(healthy, x, nothing(name, x)) for name, x in metrics.items()}
+    return kept, told | {"diverged": ~healthy}
 
 
 def _all_finite(leaves: list[jax.Array]) -> jax.Array:

@@ -2,7 +2,7 @@ import csv
 
 import numpy as np
 import pytest
-from hitmdp_jax.training.records import Records
+from hitmdp_jax.training.sinks import CsvSink
 
 from hitmdp_jax.analysis.comparison import (
     compare,
@@ -14,7 +14,7 @@ from hitmdp_jax.analysis.comparison import (
 
 def write_run(folder, level):
     folder.mkdir()
-    records = Records(folder, first_seed=0)
+    sink = CsvSink(folder, first_seed=0)
     for i in range(1, 101):
         known = np.array([i % 2, 1.0])
         values = {
@@ -22,8 +22,8 @@ def write_run(folder, level):
             "episodes": known,
             "steps_per_second": np.array([50.0, 50.0]),
         }
-        records.write(i, 2000 * i, values)
-    records.close()
+        sink.write(i, 2000 * i, values)
+    sink.close()
 
 
 def test_final_returns_weigh_the_last_episodes():
