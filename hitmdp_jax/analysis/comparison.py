@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from hitmdp_jax.analysis.figures import OPTION_COLORS, read_metrics, smooth
+from hitmdp_jax.analysis.figures import OPTION_COLORS, draw_seeds, label_curves, read_metrics
 from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number
 
 FINAL_STEPS = 100_000  # environment steps whose episodes make up a final return
@@ -106,7 +106,7 @@ def save_table(results: Sequence[Result], folder: Path) -> None:
 def comparison_figure(
     run_dirs: Mapping[str, Path], title: str, switch_at: int | None = None
 ) -> Figure:
-    """Plot every algorithm's learning curve: mean and standard deviation of seeds (Figures 3, 4).
+    """Plot every algorithm's learning curve: mean and spread of its seeds (Figures 3, 4).
 
     Args:
       run_dirs: algorithm -> its run's folder.
@@ -116,16 +116,8 @@ def comparison_figure(
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.subplots()
     for i, (algo, folder) in enumerate(run_dirs.items()):
-        metrics = read_metrics(folder)
-        steps, returns = metrics["env_steps"][0], smooth(metrics["episode_return"])
-        known = ~np.isnan(returns).any(axis=0)
-        mean, std = returns[:, known].mean(axis=0), returns[:, known].std(axis=0)
         color = OPTION_COLORS[i % len(OPTION_COLORS)]
-        axes.plot(steps[known], mean, color=color, label=algo)
-        axes.fill_between(steps[known], mean - std, mean + std, color=color, alpha=0.2, lw=0)
-    axes.set(xlabel="environment steps", ylabel="episode return", title=title)
-    axes.grid(alpha=0.3)
-    if switch_at is not None:
-        axes.axvline(switch_at, color="black", ls="--", lw=1)
+        draw_seeds(axes, read_metrics(folder), color, label=algo)
+    label_curves(axes, title, switch_at)
     axes.legend()
     return figure

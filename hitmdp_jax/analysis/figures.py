@@ -4,24 +4,34 @@ import csv
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 
 from hitmdp_jax.learning.options import mean_duration
 
 WINDOW = 20  # iterations a curve is smoothed over, as in the paper's figures
+THIN, FAINT = 0.7, 0.5  # width and opacity of a single seed's line
+# Paul Tol's "bright" palette, which colour-blind eyes tell apart.
 OPTION_COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bbbbbb")
 
 
 def read_metrics(run_dir: Path) -> dict[str, np.ndarray]:
-    """Return a run's metrics as arrays [S, iterations] by column name; missing values are NaN."""
+    """Return a run's metrics as arrays [S, iterations] by column name; missing values are NaN.
+
+    What a run that was killed, or still writes, has left of its last iteration is ignored. A run
+    without a whole iteration has no columns.
+    """
     with (run_dir / "metrics.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    columns = {
-        name: np.array([float(row[name] or "nan") for row in rows])
-        for name in (rows[0] if rows else ())
-    }
-    num_seeds = len(np.unique(columns["seed"])) if columns else 1
-    return {name: x.reshape(-1, num_seeds).T for name, x in columns.items()}
+        rows = list(csv.DictReader(line for line in file if line.endswith("\n")))
+    if not rows:
+        return {}
+    num_seeds = sum(row["iteration"] == rows[0]["iteration"] for row in rows)
+    whole = len(rows) - len(rows) % num_seeds
+    columns = {name: [float(row[name] or "nan") for row in rows[:whole]] for name in rows[0]}
+    return {name: np.array(x).reshape(-1, num_seeds).T for name, x in columns.items()}
 
 
 def window_sum(x: np.ndarray, window: int = WINDOW) -> np.ndarray:
@@ -32,16 +42,67 @@ def window_sum(x: np.ndarray, window: int = WINDOW) -> np.ndarray:
 
 
 def smooth(x: np.ndarray, window: int = WINDOW) -> np.ndarray:
-    """Return the mean [S, n] of each curve's last `window` points, NaN left out."""
-    known = ~np.isnan(x)
+    """Return the mean [S, n] of each curve's last `window` points, the finite ones."""
+    known = np.isfinite(x)
     total, count = window_sum(np.where(known, x, 0.0), window), window_sum(known, window)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def option_color(k: int) -> str:
+    """Return the colour of option k in every figure: the palette's, then lighter, then darker."""
+    cycle, k = divmod(k, len(OPTION_COLORS))
+    color = np.array(to_rgb(OPTION_COLORS[k]))
+    halfway_to = (color, 1.0, 0.0)[cycle % 3]
+    red, green, blue = (color + halfway_to) / 2
+    return to_hex((red, green, blue))
+
+
+def plain_log(axis: Axis) -> None:
+    """Label a logarithmic axis 1, 2, 5, 10, 20, ... instead of by powers of ten."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def draw_seeds(
+    axes: Axes, metrics: dict[str, np.ndarray], color: str, label: str | None = None
+) -> None:
+    """Draw the smoothed return of every seed, thin, and their mean and standard deviation.
+
+    A seed that failed is seen, and not averaged away; there is a mean only where every seed has a
+    return.
+    """
+    steps, returns = metrics["env_steps"][0], smooth(metrics["episode_return"])
+    known = ~np.isnan(returns).any(axis=0)
+    mean, std = returns[:, known].mean(axis=0), returns[:, known].std(axis=0)
+    axes.plot(steps[known], mean, color=color, label=label)
+    if len(returns) > 1:
+        axes.fill_between(steps[known], mean - std, mean + std, color=color, alpha=0.2, lw=0)
+        axes.plot(steps, returns.T, color=color, lw=THIN, alpha=FAINT)
+
+
+def label_steps(axes: Axes) -> None:
+    """Count environment steps along the horizontal axis: 0, 200k, ..., 1M."""
+    axes.set(xlabel="environment steps")
+    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+
+
+def label_curves(axes: Axes, title: str, switch_at: int | None) -> None:
+    """Name the axes of learning curves, and mark where a transfer's second task began."""
+    label_steps(axes)
+    axes.set(
+        ylabel=f"episode return, mean over {WINDOW} iterations",
+        title=title,
+    )
+    axes.grid(alpha=0.3)
+    if switch_at is not None:
+        axes.axvline(switch_at, color="black", ls="--", lw=1)
 
 
 def learning_curve(
     metrics: dict[str, np.ndarray], title: str, switch_at: int | None = None
 ) -> Figure:
-    """Plot the training return against environment steps: mean and standard deviation of seeds.
+    """Plot the training return against environment steps.
 
     Args:
       metrics: as `read_metrics` gives them.
@@ -50,17 +111,13 @@ def learning_curve(
     """
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.subplots()
-    steps, returns = metrics["env_steps"][0], smooth(metrics["episode_return"])
-    known = ~np.isnan(returns).any(axis=0)
-    mean, std = returns[:, known].mean(axis=0), returns[:, known].std(axis=0)
-    axes.plot(steps[known], mean, color=OPTION_COLORS[0])
-    axes.fill_between(
-        steps[known], mean - std, mean + std, color=OPTION_COLORS[0], alpha=0.25, lw=0
-    )
-    axes.set(xlabel="environment steps", ylabel="episode return", title=title)
-    axes.grid(alpha=0.3)
-    if switch_at is not None:
-        axes.axvline(switch_at, color="black", ls="--", lw=1)
+    num_seeds = len(metrics["env_steps"])
+    label = f"mean and standard deviation of {num_seeds} seeds" if num_seeds > 1 else None
+    draw_seeds(axes, metrics, OPTION_COLORS[0], label)
+    if label:
+        axes.plot([], [], color=OPTION_COLORS[0], lw=THIN, alpha=FAINT, label="each seed")
+        axes.legend(framealpha=1.0)
+    label_curves(axes, title, switch_at)
     return figure
 
 
@@ -72,18 +129,24 @@ def option_durations(metrics: dict[str, np.ndarray], title: str) -> Figure:
     figure = Figure(figsize=(6, 6), layout="constrained")
     duration_axes, usage_axes = figure.subplots(2, sharex=True)
     steps = metrics["env_steps"][0]
-    names = [name for name in metrics if name.startswith("option_steps_")]
-    counts = np.stack([window_sum(metrics[name])[0] for name in names])
-    starts = np.stack([window_sum(metrics[n.replace("steps", "activations")])[0] for n in names])
-    shares = counts / counts.sum(axis=0)
-    for k in range(len(names)):
-        color = OPTION_COLORS[k % len(OPTION_COLORS)]
+    num_options = sum(name.startswith("option_steps_") for name in metrics)
+    counts, starts = (
+        np.stack([window_sum(np.nan_to_num(metrics[f"{name}_{k}"]))[0] for k in range(num_options)])
+        for name in ("option_steps", "option_activations")
+    )
+    colors = [option_color(k) for k in range(num_options)]
+    for k, color in enumerate(colors):
         duration = mean_duration(counts[k], starts[k])
         duration_axes.plot(steps, duration, color=color, label=f"option {k}")
-    usage_axes.stackplot(steps, shares, colors=[OPTION_COLORS[k % 7] for k in range(len(names))])
+    shares = counts / np.maximum(counts.sum(axis=0), 1.0)
+    usage_axes.stackplot(steps, shares, colors=colors)
     duration_axes.set(ylabel="mean duration (steps)", yscale="log", title=title)
-    duration_axes.legend(ncols=2)
-    usage_axes.set(xlabel="environment steps", ylabel="share of steps", ylim=(0, 1))
+    duration_axes.grid(alpha=0.3)
+    plain_log(duration_axes.yaxis)
+    usage_axes.set(ylabel="share of steps", ylim=(0, 1))
+    usage_axes.margins(x=0)
+    label_steps(usage_axes)
+    figure.legend(loc="outside lower center", ncols=4)
     return figure
 
 
@@ -91,7 +154,7 @@ def draw_figures(run_dir: Path, title: str, switch_at: int | None = None) -> lis
     """Draw every figure the run's metrics allow into its `figures/`; return their paths."""
     metrics = read_metrics(run_dir)
     figures = {}
-    if "episode_return" in metrics and not np.isnan(metrics["episode_return"]).all():
+    if "episode_return" in metrics and np.isfinite(metrics["episode_return"]).any():
         figures["learning_curve"] = learning_curve(metrics, title, switch_at)
     if "option_steps_0" in metrics:
         figures["option_durations"] = option_durations(metrics, title)

@@ -1,4 +1,5 @@
 import csv
+import warnings
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hitmdp_jax.analysis.comparison import (
     comparison_figure,
     final_returns,
     save_table,
+    table,
 )
 
 
@@ -52,6 +54,18 @@ def test_runs_are_compared(tmp_path):
     assert [row["return"] for row in rows] == ["105.0", "205.0"]
     assert (tmp_path / "comparison.md").read_text().count("\n") == 4
     (axes,) = comparison_figure(run_dirs, "two tasks", switch_at=100_000).axes
-    curves, switch = axes.lines[:-1], axes.lines[-1]
-    assert [curve.get_label() for curve in curves] == ["mopg", "ppo"]
-    np.testing.assert_array_equal(switch.get_xdata(), 100_000)
+    assert axes.get_legend_handles_labels()[1] == ["mopg", "ppo"]
+    assert len(axes.lines) == 2 * (1 + 2) + 1  # mean and two seeds each, and the switch
+    np.testing.assert_array_equal(axes.lines[-1].get_xdata(), 100_000)
+
+
+def test_a_single_seed_has_no_interval_and_a_silent_one_no_return(tmp_path):
+    (tmp_path / "ppo").mkdir()
+    records = CsvSink(tmp_path / "ppo", first_seed=0)
+    values = {"episode_return": np.nan, "episodes": 0.0, "steps_per_second": 50.0}
+    records.write(1, 2000, {name: np.array([x]) for name, x in values.items()})
+    records.close()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        results = compare({"ppo": tmp_path / "ppo"}, {"ppo": 20})
+    assert table(results)[1] == ["ppo", "-", "-", "- [-, -]", "-", "50", "20"]
