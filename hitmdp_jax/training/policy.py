@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from hitmdp_jax.agents import Agent
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.learning.rollout import normalize
+from hitmdp_jax.learning.normalization import normalize
 from hitmdp_jax.training.checkpoint import Checkpoints
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.program import TrainState, make_train
