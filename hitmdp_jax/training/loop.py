@@ -16,12 +16,12 @@ import numpy as np
 from brax.envs.base import Env
 
 from hitmdp_jax.agents import Agent
-from hitmdp_jax.agents.base import Metrics
 from hitmdp_jax.analysis.figures import draw_figures
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.envs.physics.native import NativePhysics
 from hitmdp_jax.envs.physics.speed import native_speed
+from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.training.checkpoint import Checkpoints
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.display import Display

@@ -6,12 +6,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from brax.envs.base import Env
-from brax.training.acme import running_statistics
+from brax.training.acme.running_statistics import RunningStatisticsState
 from flax import struct
 
-from hitmdp_jax.agents.base import Agent, LearnerState, Metrics, check_hyperparameters
+from hitmdp_jax.agents.base import Agent, LearnerState, check_hyperparameters
 from hitmdp_jax.envs.wrappers import Step, VectorEnv
 from hitmdp_jax.errors import UsageError, out_of_domain
+from hitmdp_jax.learning.metrics import Metrics, over_iterations
+from hitmdp_jax.learning.normalization import initial_statistics, update_statistics
 from hitmdp_jax.learning.rollout import RolloutState, collect
 
 
@@ -19,7 +21,7 @@ class TrainState(struct.PyTreeNode):
     """Everything a training run consists of: continuing from it is exact."""
 
     learner: LearnerState
-    normalizer: running_statistics.RunningStatisticsState
+    normalizer: RunningStatisticsState
     rollout: RolloutState
     key: jax.Array
     iteration: jax.Array  # int32
@@ -44,14 +46,8 @@ def check_sizes(agent: Agent, num_steps: int, num_envs: int, rollout_length: int
     for name, size in sizes.items():
         if size < 1:
             raise out_of_domain(name, size, "a positive whole number")
-    samples, minibatch = num_envs * rollout_length, agent.minibatch_size
-    if samples % minibatch:
-        near = max(d for d in range(1, minibatch + 1) if samples % d == 0)
-        raise UsageError(
-            f"rollout_length * num_envs = {rollout_length} * {num_envs} = {samples} is not "
-            f"divisible by minibatch_size = {minibatch}; the nearest size below that divides it is "
-            f"{near}."
-        )
+    spelled = f"rollout_length * num_envs = {rollout_length} * {num_envs}"
+    agent.check_batch(rollout_length * num_envs, spelled)
 
 
 def make_train(
@@ -97,14 +93,12 @@ def make_train(
         )
 
     iterations = num_iterations(num_steps, num_envs, rollout_length)
-    scheduled = getattr(agent, "scheduled", lambda progress: agent)
 
     def init(key: jax.Array) -> TrainState:
         key, key_agent, key_env, key_memory = jax.random.split(key, 4)
-        normalizer = running_statistics.init_state(jnp.zeros(observation_size))
         return TrainState(
             learner=agent.init(key_agent, observation_size, action_size),
-            normalizer=jax.tree.map(jnp.asarray, normalizer),
+            normalizer=initial_statistics(observation_size),
             rollout=RolloutState(
                 vector_env.reset(key_env), agent.initial_memory(key_memory, (num_envs,))
             ),
@@ -113,9 +107,10 @@ def make_train(
         )
 
     def step(state: TrainState) -> tuple[TrainState, Metrics]:
+        now = agent.scheduled(state.iteration / iterations)
         key, key_rollout, key_update = jax.random.split(state.key, 3)
         rollout, batch, outcome, obs = collect(
-            agent,
+            now,
             state.learner.params,
             state.normalizer,
             vector_env,
@@ -123,9 +118,8 @@ def make_train(
             key_rollout,
             rollout_length,
         )
-        now = scheduled(state.iteration / iterations)
         learner, metrics = now.update(state.learner, batch, key_update)
-        normalizer = running_statistics.update(state.normalizer, obs)
+        normalizer = update_statistics(state.normalizer, obs)
         state = TrainState(learner, normalizer, rollout, key, state.iteration + 1)
         return state, episode_metrics(outcome) | metrics
 
@@ -170,24 +164,14 @@ def train(
 def repeat(step: Iterate, count: int) -> Iterate:
     """Return `count` iterations as one, with their metrics summed up.
 
-    Algorithms that update every few steps would spend their time reporting. Counts (`episodes`,
-    `option_...`) add up, episode means are weighted by episodes, the rest is averaged.
+    Algorithms that update every few steps would spend their time reporting.
     """
     if count == 1:
         return step
 
     def steps(state: TrainState) -> tuple[TrainState, Metrics]:
         state, metrics = jax.lax.scan(lambda s, _: step(s), state, length=count)
-        weight = metrics["episodes"]
-
-        def summed(name: str, x: jax.Array) -> jax.Array:
-            if name in ("episodes", "option_steps", "option_activations"):
-                return x.sum(axis=0)
-            if name in ("episode_return", "episode_length"):
-                return jnp.where(weight > 0, x * weight, 0.0).sum() / weight.sum()
-            return x.mean(axis=0)
-
-        return state, {name: summed(name, x) for name, x in metrics.items()}
+        return state, over_iterations(metrics)
 
     return steps
 
