@@ -1,15 +1,17 @@
 """The algorithms, one file each, behind one protocol."""
 
+from hitmdp_jax import plugins
 from hitmdp_jax.agents.ahp import AHP
-from hitmdp_jax.agents.base import Agent, LearnerState
+from hitmdp_jax.agents.base import Agent, LearnerState, static, traced
 from hitmdp_jax.agents.dac import DAC
 from hitmdp_jax.agents.iopg import IOPG
 from hitmdp_jax.agents.mopg import MOPG
 from hitmdp_jax.agents.oc import OC
 from hitmdp_jax.agents.ppo import PPO
 from hitmdp_jax.agents.ppoc import PPOC
+from hitmdp_jax.errors import UsageError, unknown_name
 
-AGENTS = {
+AGENTS: dict[str, type[Agent]] = {
     "mopg": MOPG,
     "ppo": PPO,
     "dac": DAC,
@@ -18,6 +20,23 @@ AGENTS = {
     "ppoc": PPOC,
     "oc": OC,
 }
+
+
+def find_agent(name: str) -> type[Agent]:
+    """Return the algorithm of that name, or the one that `path/to/file.py:Class` names.
+
+    Raises:
+      UsageError: there is no such algorithm, or the class is none.
+    """
+    if not plugins.is_own(name):
+        if name not in AGENTS:
+            raise unknown_name("algo", name, AGENTS)
+        return AGENTS[name]
+    found = plugins.load_class(name)
+    if not issubclass(found, Agent):
+        raise UsageError(f"'{name}' is no algorithm: let it derive from hitmdp_jax.agents.Agent.")
+    return found
+
 
 __all__ = [
     "AGENTS",
@@ -30,4 +49,7 @@ __all__ = [
     "PPOC",
     "Agent",
     "LearnerState",
+    "find_agent",
+    "static",
+    "traced",
 ]

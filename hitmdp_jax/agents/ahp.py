@@ -6,11 +6,10 @@ import distrax
 import jax
 import jax.numpy as jnp
 
-from hitmdp_jax.agents.base import LearnerState, Metrics
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
+from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.options import OptionMemory, at_option, entropy
 from hitmdp_jax.learning.rollout import Batch
-from hitmdp_jax.learning.surrogate import clipped_surrogate
 from hitmdp_jax.networks import OptionHeads
 
 
@@ -64,16 +63,13 @@ class AHP(ClippedOptionAgent):
         return at_option(heads.value, jnp.where(memory.initial, self.num_options, memory.previous))
 
     def option_of(self, record: tuple[jax.Array, jax.Array]) -> jax.Array:
-        """Return o_t."""
+        """Return the options that were executed."""
         return record[0]
 
-    def update(
-        self, state: LearnerState, batch: Batch, key: jax.Array
-    ) -> tuple[LearnerState, Metrics]:
-        """Estimate the advantage, then run `num_epochs` of minibatches on the surrogate."""
+    def targets(self, params: Any, batch: Batch) -> tuple[dict[str, Any], Metrics]:
+        """Evaluate a rollout into what the loss reads, [T, B, ...], and metrics."""
         option, stop = batch.record
-        heads = self.heads(state.params, batch.obs)
-        heads_next = self.heads(state.params, batch.next_obs)
+        heads, heads_next = self.heads(params, batch.obs), self.heads(params, batch.next_obs)
         under_way = OptionMemory(option, jnp.zeros_like(batch.memory.initial))
         value = self.value(heads, batch.memory)
         data = {
@@ -84,25 +80,22 @@ class AHP(ClippedOptionAgent):
             "action": batch.action,
         }
         data["log_prob"] = self.log_prob(heads, data)
-        data["advantage"], data["return"] = self.advantage_and_return(
+        data["advantage"], data["value_target"] = self.advantage_and_return(
             batch, value, self.value(heads_next, under_way)
         )
-        state, diagnostics = self.optimize(self.loss, state, data, key)
         metrics = {
-            "option_entropy": entropy(heads.log_master).mean(),
+            "master_entropy": entropy(heads.log_master).mean(),
             "action_entropy": heads.policy(option).entropy().mean(),
-            "termination": jax.nn.sigmoid(at_option(heads_next.termination, option)).mean(),
             "value": value.mean(),
         }
-        return state, metrics | diagnostics | self.statistics(batch, option)
+        return data, metrics | self.statistics(params, batch, option)
 
     def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return the loss of a minibatch: the surrogate and the critic's squared error."""
         heads = self.heads(params, data["obs"])
-        surrogate, diagnostics = clipped_surrogate(
-            self.log_prob(heads, data), data["log_prob"], data["advantage"], self.clip_eps
+        surrogate, metrics = self.surrogate(
+            "joint", self.log_prob(heads, data), data["log_prob"], data["advantage"]
         )
         value = self.value(heads, data["memory"])
-        value_loss = 0.5 * jnp.square(value - data["return"]).mean()
-        metrics = {f"joint_{name}": x for name, x in diagnostics.items()}
+        value_loss = 0.5 * jnp.square(value - data["value_target"]).mean()
         return value_loss - surrogate, metrics | {"value_loss": value_loss}

@@ -1,21 +1,22 @@
-"""The protocol that every algorithm implements, and the state it learns."""
+"""What every algorithm is: hyperparameters, checked when it is made, and pure methods."""
 
+import abc
 import dataclasses
 import math
-from typing import Any, Protocol
+from typing import Any, Self, dataclass_transform
 
 import jax
 from flax import struct
 
-from hitmdp_jax.errors import out_of_domain, unknown_name
+from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
+from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.rollout import Batch
 
-Metrics = dict[str, jax.Array]
 
-
-def traced(default: float, low: float = 0.0, high: float = math.inf) -> Any:
-    """Declare a float hyperparameter in [low, high]: a pytree leaf that may be traced."""
-    return struct.field(default=default, metadata={"low": low, "high": high})
+def traced(default: float, low: float = 0.0, high: float = math.inf, infinite: bool = False) -> Any:
+    """Declare a float hyperparameter in [low, high], finite unless `infinite`: a pytree leaf."""
+    limits = {"low": low, "high": high, "infinite": infinite}
+    return struct.field(default=default, metadata=limits)
 
 
 def static(default: Any, choices: tuple[str, ...] = ()) -> Any:
@@ -24,28 +25,54 @@ def static(default: Any, choices: tuple[str, ...] = ()) -> Any:
 
 
 def check_hyperparameters(agent: Any) -> None:
-    """Reject values outside the domains that an agent's fields declare; traced ones pass.
+    """Reject values outside the domains that an agent's fields declare; arrays pass, as traced.
 
     Raises:
       UsageError: naming the field, its value and what is valid.
     """
+    if not isinstance(agent, Agent):
+        raise UsageError(f"{agent!r} is not an agent; make one, for example agents.MOPG().")
     for field in dataclasses.fields(agent):
-        value, limits = getattr(agent, field.name), field.metadata
-        if "low" in limits:
-            known = isinstance(value, int | float)
-            if known and not limits["low"] <= value <= limits["high"]:
-                wanted = f"a number from {limits['low']:g} to {limits['high']:g}"
-                raise out_of_domain(field.name, value, wanted)
-        elif limits.get("choices"):
-            if value not in limits["choices"]:
-                raise unknown_name(field.name, str(value), limits["choices"])
-        elif isinstance(field.default, int) and not isinstance(field.default, bool):
-            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-                raise out_of_domain(field.name, value, "a positive whole number")
-        elif isinstance(field.default, tuple) and not (
-            value and all(isinstance(size, int) and size > 0 for size in value)
-        ):
-            raise out_of_domain(field.name, list(value), "a list of positive whole numbers")
+        value, default = getattr(agent, field.name), field.default
+        wanted = ""
+        if choices := field.metadata.get("choices"):
+            if value not in choices:
+                raise unknown_name(field.name, str(value), choices)
+        elif isinstance(default, bool):
+            wanted = "" if isinstance(value, bool) else "true or false"
+        elif isinstance(default, float):
+            wanted = _fault_of_number(value, **_limits(field))
+        elif isinstance(default, int):
+            wanted = "" if _is_positive_whole(value) else "a positive whole number"
+        elif isinstance(default, tuple):
+            fits = isinstance(value, tuple) and value and all(map(_is_positive_whole, value))
+            wanted = "" if fits else "a list of positive whole numbers"
+        if wanted:
+            raise out_of_domain(
+                field.name, list(value) if isinstance(value, tuple) else value, wanted
+            )
+
+
+def _limits(field: dataclasses.Field) -> dict[str, Any]:
+    anything = {"low": -math.inf, "high": math.inf, "infinite": False}
+    return {name: field.metadata.get(name, limit) for name, limit in anything.items()}
+
+
+def _fault_of_number(value: Any, low: float, high: float, infinite: bool) -> str:
+    """Return what a float hyperparameter should have been, or nothing where it is valid."""
+    if not isinstance(value, bool):
+        if isinstance(value, int | float):
+            if low <= value <= high and (infinite or math.isfinite(value)):
+                return ""
+        elif hasattr(value, "dtype"):
+            return ""
+    if infinite or high < math.inf:
+        return f"a number from {low:g} to {high:g}"
+    return "a finite number" + (f" from {low:g}" if low > -math.inf else "")
+
+
+def _is_positive_whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value > 0
 
 
 class LearnerState(struct.PyTreeNode):
@@ -56,25 +83,64 @@ class LearnerState(struct.PyTreeNode):
     extra: Any = ()  # what only some algorithms need: OC's target network
 
 
-class Agent(Protocol):
+@dataclass_transform(frozen_default=True)
+@dataclasses.dataclass(frozen=True)
+class Agent(abc.ABC):
     """An algorithm: a frozen dataclass of hyperparameters with pure methods.
 
-    Float fields are pytree leaves, so they may be traced and vmapped; ints, strings and tuples are
-    static. An agent with schedules has one more method, `scheduled(progress) -> Agent`: itself
-    after that fraction of the run. `memory` is what the policy carries from step to step: nothing
-    for PPO, o_{t-1} for MOPG. Every method takes any leading batch shape.
+    A subclass lists its hyperparameters as fields with defaults and is a dataclass and a pytree
+    without further ado: floats are leaves, so they may be traced and vmapped; ints, strings and
+    tuples are static. `traced` and `static` also declare a field's domain, which is checked when an
+    agent is made. It owes three methods, `init`, `act` and `update`.
+
+    `memory` is what the policy carries from step to step: nothing for PPO, o_{t-1} for MOPG. Every
+    method takes any leading batch shape.
     """
 
-    minibatch_size: int
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        dataclasses.dataclass(frozen=True)(cls)
+        _register(cls)
 
+    def __post_init__(self) -> None:
+        fields = dataclasses.fields(self)
+        values = [getattr(self, field.name) for field in fields]
+        for field, value in zip(fields, values, strict=True):
+            if isinstance(value, list):
+                object.__setattr__(self, field.name, tuple(value))  # static values are hashed
+        leaves = [x for field, x in zip(fields, values, strict=True) if _is_leaf(field)]
+        # Nothing but None and ints are the axes of `jax.vmap(..., in_axes=agent)`.
+        if any(x is not None and type(x) is not int for x in leaves):
+            check_hyperparameters(self)
+
+    def replace(self, **changes: Any) -> Self:
+        """Return the agent with other hyperparameters."""
+        return dataclasses.replace(self, **changes)
+
+    def scheduled(self, progress: jax.Array) -> "Agent":
+        """Return the agent as it acts and learns after a fraction `progress` of the run."""
+        return self
+
+    def check_batch(self, num_samples: int, spelled: str = "num_samples") -> None:  # noqa: B027
+        """Reject a number of samples an update that `update` cannot work with.
+
+        Args:
+          num_samples: T * B of a rollout.
+          spelled: the number in the user's terms, for the sentence.
+
+        Raises:
+          UsageError: saying which number would do.
+        """
+
+    @abc.abstractmethod
     def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
         """Return new parameters and optimiser state."""
-        ...
 
     def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> Any:
         """Return the memory of an episode's start."""
-        ...
+        return ()
 
+    @abc.abstractmethod
     def act(
         self, params: Any, obs: jax.Array, memory: Any, key: jax.Array, deterministic: bool = False
     ) -> tuple[jax.Array, Any, Any]:
@@ -83,18 +149,43 @@ class Agent(Protocol):
         Returns:
           The action [..., A], the new memory, and a record of what else `update` needs.
         """
-        ...
 
-    def option_of(self, record: Any) -> jax.Array | None:
-        """Return the option [...] that a record of `act` names; None without options."""
-        ...
-
-    def option_probs(self, params: Any, obs: jax.Array, memory: Any) -> jax.Array | None:
-        """Return P(o_t | s_t, memory) [..., K] for normalised obs; None without options."""
-        ...
-
+    @abc.abstractmethod
     def update(
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:
-        """Learn from one rollout."""
-        ...
+        """Learn from one rollout. The metrics' names are explained in `learning.metrics`."""
+
+    def option_of(self, record: Any) -> jax.Array | None:
+        """Return the options [...] that were executed; None where the algorithm has none."""
+        return None
+
+    def option_probs(self, params: Any, obs: jax.Array, memory: Any) -> jax.Array | None:
+        """Return P(o_t | s_t, o_{t-1}) [..., K] for normalised observations [..., O], or None."""
+        return None
+
+
+def _is_leaf(field: dataclasses.Field) -> bool:
+    return field.metadata.get("pytree_node", isinstance(field.default, float))
+
+
+def _register(cls: type[Agent]) -> None:
+    """Make a pytree of an agent's class.
+
+    JAX puts tracers, axes, shapes and sentinels into the leaves, so taking an agent apart and
+    together again must not go through the constructor and its checks.
+    """
+    fields = dataclasses.fields(cls)
+    leaves = [field.name for field in fields if _is_leaf(field)]
+    rest = [field.name for field in fields if not _is_leaf(field)]
+
+    def flatten(agent: Agent) -> tuple[list[Any], tuple[Any, ...]]:
+        pairs = [(jax.tree_util.GetAttrKey(name), getattr(agent, name)) for name in leaves]
+        return pairs, tuple(getattr(agent, name) for name in rest)
+
+    def unflatten(values: tuple[Any, ...], children: Any) -> Agent:
+        agent = object.__new__(cls)
+        vars(agent).update(zip(leaves + rest, (*children, *values), strict=True))
+        return agent
+
+    jax.tree_util.register_pytree_with_keys(cls, flatten, unflatten)

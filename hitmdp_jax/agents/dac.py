@@ -5,11 +5,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from hitmdp_jax.agents.base import LearnerState, Metrics, static, traced
+from hitmdp_jax.agents.base import LearnerState, static, traced
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
-from hitmdp_jax.learning.options import at_option, entropy
+from hitmdp_jax.learning.metrics import Metrics
+from hitmdp_jax.learning.options import at_option, entropy, expected_value
 from hitmdp_jax.learning.rollout import Batch
-from hitmdp_jax.learning.surrogate import clipped_surrogate
 
 
 class DAC(ClippedOptionAgent):
@@ -35,14 +35,8 @@ class DAC(ClippedOptionAgent):
     def update(
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:
-        """Estimate both MDPs' advantages, then run PPO on the high MDP and on the low one."""
-        data, values, metrics = self.evaluate(state.params, batch)
-        data["advantage_high"], data["return_high"] = self.advantage_and_return(
-            batch, values.value, values.value_next
-        )
-        data["advantage_low"], data["return_low"] = self.advantage_and_return(
-            batch, values.q, values.q_next
-        )
+        """Evaluate the rollout, then run PPO on the high MDP and on the low one."""
+        data, metrics = self.targets(state.params, batch)
         key_high, key_low = jax.random.split(key)
         state, high = self.optimize(self.high_loss, state, data, key_high)
         state, low = self.optimize(self.low_loss, state, data, key_low)
@@ -52,29 +46,25 @@ class DAC(ClippedOptionAgent):
         """Return a minibatch's loss in the high MDP: surrogate, entropy, squared error of V."""
         heads = self.heads(params, data["obs"])
         log_option = self.option_log_probs(heads, data["memory"])
-        surrogate, diagnostics = clipped_surrogate(
+        surrogate, metrics = self.surrogate(
+            "option",
             at_option(log_option, data["option"]),
             at_option(data["log_option"], data["option"]),
-            data["advantage_high"],
-            self.clip_eps,
+            data["advantage_option"],
         )
         # The rollout's P(o | s, o_{t-1}): fitting V must not move the policy.
-        value = (jnp.exp(data["log_option"]) * heads.value).sum(-1)
-        value_loss = 0.5 * jnp.square(value - data["return_high"]).mean()
+        value = expected_value(data["log_option"], heads.value)
+        value_loss = 0.5 * jnp.square(value - data["value_target"]).mean()
         bonus = self.entropy_weight * entropy(log_option).mean()
-        metrics = {f"option_{name}": x for name, x in diagnostics.items()}
         return value_loss - surrogate - bonus, metrics | {"value_loss": value_loss}
 
     def low_loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return a minibatch's loss in the low MDP: surrogate, squared error of Q."""
         heads = self.heads(params, data["obs"])
-        surrogate, diagnostics = clipped_surrogate(
-            heads.policy(data["option"]).log_prob(data["action"]),
-            data["log_prob_action"],
-            data["advantage_low"],
-            self.clip_eps,
+        log_prob = heads.policy(data["option"]).log_prob(data["action"])
+        surrogate, metrics = self.surrogate(
+            "action", log_prob, data["log_prob_action"], data["advantage_action"]
         )
         q = at_option(heads.value, data["option"])
-        q_loss = 0.5 * jnp.square(q - data["return_low"]).mean()
-        metrics = {f"action_{name}": x for name, x in diagnostics.items()}
+        q_loss = 0.5 * jnp.square(q - data["q_target"]).mean()
         return q_loss - surrogate, metrics | {"q_loss": q_loss}

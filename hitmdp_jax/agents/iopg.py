@@ -5,11 +5,17 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from hitmdp_jax.agents.base import LearnerState, Metrics
+from hitmdp_jax.agents.base import LearnerState
 from hitmdp_jax.agents.option_agent import OptionAgent
-from hitmdp_jax.learning.advantages import discounted_returns
+from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.optimization import gradient_step
-from hitmdp_jax.learning.options import OptionMemory, entropy, option_belief
+from hitmdp_jax.learning.options import (
+    OptionMemory,
+    entropy,
+    expected_value,
+    option_belief,
+    option_statistics,
+)
 from hitmdp_jax.learning.rollout import Batch
 
 
@@ -41,11 +47,6 @@ class IOPG(OptionAgent):
 
     Against MOPG: nothing depends on which option was executed; no surrogate, GAE or epochs.
     """
-
-    @property
-    def minibatch_size(self) -> int:
-        """Return 1, which divides any rollout: IOPG takes one step on the whole of it."""
-        return 1
 
     def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> BeliefMemory:
         """Return the memory of an episode's start: no option is under way."""
@@ -83,24 +84,19 @@ class IOPG(OptionAgent):
             heads_next.termination,
             jnp.zeros_like(batch.started),
         )
-        returns = discounted_returns(
-            batch.reward,
-            (jnp.exp(log_belief_next) * heads_next.value).sum(-1),
-            batch.terminated,
-            batch.truncated,
-            self.gamma,
-            self.bootstrap_on_truncation,
-        )
+        value_target = self.returns(batch, expected_value(log_belief_next, heads_next.value))
         params, opt_state, diagnostics = gradient_step(
-            self.loss, self._optimizer(), state.params, state.opt_state, (batch, returns)
+            self.loss, self.optimizer(), state.params, state.opt_state, (batch, value_target)
         )
         stop = jax.nn.sigmoid(heads_next.termination)
         metrics = {
-            "option_entropy": entropy(log_belief).mean(),
+            "belief_entropy": entropy(log_belief).mean(),
             "action_entropy": heads.policy(batch.record).entropy().mean(),
             "termination": (jnp.exp(log_posterior) * stop).sum(-1).mean(),
         }
-        options = self.statistics(batch, batch.record)
+        options = option_statistics(
+            batch.record, batch.memory.previous, batch.started, self.num_options
+        )
         return LearnerState(params, opt_state), metrics | diagnostics | options
 
     def infer(self, params: Any, batch: Batch) -> tuple[jax.Array, jax.Array, jax.Array]:
@@ -126,11 +122,11 @@ class IOPG(OptionAgent):
 
     def loss(self, params: Any, data: tuple[Batch, jax.Array]) -> tuple[jax.Array, Metrics]:
         """Return a rollout's loss: log-likelihood by advantage, and the baseline's error."""
-        batch, returns = data
+        batch, value_target = data
         log_belief, _, log_likelihood = self.infer(params, batch)
         belief = jax.lax.stop_gradient(jnp.exp(log_belief))  # the baseline moves no policy
         value = (belief * self.heads(params, batch.obs).value).sum(-1)
-        advantage = jax.lax.stop_gradient(returns - value)
-        value_loss = 0.5 * jnp.square(value - returns).mean()
+        advantage = jax.lax.stop_gradient(value_target - value)
+        value_loss = 0.5 * jnp.square(value - value_target).mean()
         metrics = {"value_loss": value_loss, "value": value.mean()}
         return value_loss - (log_likelihood * advantage).mean(), metrics

@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from hitmdp_jax.agents.base import LearnerState, Metrics, static, traced
+from hitmdp_jax.agents.base import LearnerState, static, traced
 from hitmdp_jax.agents.option_agent import OptionAgent
-from hitmdp_jax.learning.advantages import discounted_returns
+from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.optimization import gradient_step
-from hitmdp_jax.learning.options import at_option, termination_objective
+from hitmdp_jax.learning.options import at_option, expected_value, termination_objective
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.networks import OptionHeads
 
@@ -41,11 +41,6 @@ class OC(OptionAgent):
     epsilon: float = traced(0.1, high=1.0)  # of the master, constant
     target_period: int = static(1000)  # steps of each environment between copies
 
-    @property
-    def minibatch_size(self) -> int:
-        """Return 1, which divides any rollout: OC takes one step on the whole of it."""
-        return 1
-
     def heads(self, params: Any, obs: jax.Array) -> OptionHeads:
         """Evaluate the network in states [..., O], the epsilon-greedy policy as the master."""
         heads = super().heads(params, obs)
@@ -62,18 +57,12 @@ class OC(OptionAgent):
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:
         """Take one gradient step, and copy the target network when it is due."""
-        data, _, metrics = self.evaluate(state.params, batch)
+        data, metrics = self.targets(state.params, batch)
         target = state.extra
-        data["return"] = discounted_returns(
-            batch.reward,
-            self.value_upon_arrival(target.params, batch.next_obs, batch.record),
-            batch.terminated,
-            batch.truncated,
-            self.gamma,
-            self.bootstrap_on_truncation,
-        )
+        reached = self.value_upon_arrival(target.params, batch.next_obs, batch.record)
+        data["q_target"] = self.returns(batch, reached)
         params, opt_state, diagnostics = gradient_step(
-            self.loss, self._optimizer(), state.params, state.opt_state, data
+            self.loss, self.optimizer(), state.params, state.opt_state, data
         )
         age = target.age + len(batch.reward)
         due = age >= self.target_period
@@ -93,10 +82,10 @@ class OC(OptionAgent):
         """Return a rollout's loss [T, B]: critic, action policies, terminations."""
         heads, option = self.heads(params, data["obs"]), data["option"]
         q, policy = at_option(heads.value, option), heads.policy(option)
-        advantage = jax.lax.stop_gradient(data["return"] - q)
+        advantage = jax.lax.stop_gradient(data["q_target"] - q)
         actor = (policy.log_prob(data["action"]) * advantage).mean()
         bonus = self.entropy_weight * policy.entropy().mean()
-        choosing_anew = (jnp.exp(heads.log_master) * heads.value).sum(-1)
+        choosing_anew = expected_value(heads.log_master, heads.value)
         termination = termination_objective(
             heads.termination,
             heads.value,
@@ -104,6 +93,6 @@ class OC(OptionAgent):
             data["memory"],
             self.termination_regularizer,
         ).mean()
-        value_loss = 0.5 * jnp.square(q - data["return"]).mean()
+        value_loss = 0.5 * jnp.square(q - data["q_target"]).mean()
         loss = value_loss + termination - actor - bonus
         return loss, {"value_loss": value_loss, "termination_loss": termination}

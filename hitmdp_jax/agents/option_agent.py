@@ -5,20 +5,17 @@ from typing import Any
 import distrax
 import jax
 import jax.numpy as jnp
-import optax
 from flax import struct
 
-from hitmdp_jax.agents.base import LearnerState, Metrics, static, traced
-from hitmdp_jax.learning.advantages import (
-    discounted_returns,
-    generalized_advantages,
-    standardize,
-)
-from hitmdp_jax.learning.optimization import Loss, adam, minibatch_epochs
+from hitmdp_jax.agents.base import static
+from hitmdp_jax.agents.gradient_agent import ClippedAgent, GradientAgent
+from hitmdp_jax.learning.advantages import standardize
+from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.options import (
     OptionMemory,
     at_option,
     entropy,
+    expected_value,
     option_statistics,
     option_transition,
     value_of_next_option,
@@ -37,37 +34,31 @@ class OptionValues(struct.PyTreeNode):
     q_next: jax.Array  # [T, B] Q[s_{t+1}, o_{t+1}]; V[s_{t+1}, o_t] where o_{t+1} was not drawn
 
 
-class OptionAgent(struct.PyTreeNode):
+class OptionAgent(GradientAgent):
     """An agent that calls an option, follows it until it terminates, and calls the next.
 
     Memory: the previous option o_{t-1} and whether the episode starts, `OptionMemory`. The record
     is o_t.
     """
 
-    learning_rate: float = traced(3e-4)
-    adam_eps: float = traced(1e-5)
-    max_grad_norm: float = traced(0.5)
-    gamma: float = traced(0.99, high=1.0)
     num_options: int = static(4)
-    hidden_sizes: tuple[int, ...] = static((64, 64))
     activation: str = static("tanh", tuple(ACTIVATIONS))
-    bootstrap_on_truncation: bool = static(True)
 
     @property
     def num_values(self) -> int:
         """Return the number of the critic's outputs: Q[s, o] of each option."""
         return self.num_options
 
+    def network(self, action_size: int) -> OptionNetwork:
+        """Return the network for actions of this size."""
+        return OptionNetwork(
+            action_size, self.num_options, self.num_values, self.hidden_sizes, self.activation
+        )
+
     def heads(self, params: Any, obs: jax.Array) -> OptionHeads:
         """Return the policies, the terminations, the master and the values in states [..., O]."""
-        network: Any = self._network(params["rho"].shape[-1])
+        network: Any = self.network(params["rho"].shape[-1])
         return network.apply({"params": params}, obs)
-
-    def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
-        """Return new parameters and optimiser state."""
-        obs = jnp.zeros((1, observation_size))
-        params = self._network(action_size).init(key, obs)["params"]
-        return LearnerState(params, self._optimizer().init(params))
 
     def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> Any:
         """Return the memory of an episode's start: no option is under way."""
@@ -99,93 +90,79 @@ class OptionAgent(struct.PyTreeNode):
         return action, OptionMemory(option, jnp.zeros_like(memory.initial)), record
 
     def option_of(self, record: Any) -> jax.Array:
-        """Return o_t."""
+        """Return the options that were executed."""
         return record
 
     def option_probs(self, params: Any, obs: jax.Array, memory: Any) -> jax.Array:
         """Return P(o_t | s_t, o_{t-1}) [..., K]."""
         return jnp.exp(self.option_log_probs(self.heads(params, obs), memory))
 
-    def evaluate(self, params: Any, batch: Batch) -> tuple[dict[str, Any], OptionValues, Metrics]:
-        """Evaluate a rollout with the policy that collected it.
-
-        Returns:
-          What the losses read [T, B, ...], the values, and metrics.
-        """
-        option = batch.record
+    def values(self, params: Any, batch: Batch) -> OptionValues:
+        """Return the values of a rollout whose critic is Q[s, o]."""
         heads, heads_next = self.heads(params, batch.obs), self.heads(params, batch.next_obs)
+        option = batch.record
         under_way = OptionMemory(option, jnp.zeros_like(batch.memory.initial))
-        log_option = self.option_log_probs(heads, batch.memory)  # [T, B, K]
+        log_option = self.option_log_probs(heads, batch.memory)
         log_option_next = self.option_log_probs(heads_next, under_way)
         ended = batch.terminated | batch.truncated
-        values = OptionValues(
-            value=(jnp.exp(log_option) * heads.value).sum(-1),
-            value_next=(jnp.exp(log_option_next) * heads_next.value).sum(-1),
+        return OptionValues(
+            value=expected_value(log_option, heads.value),
+            value_next=expected_value(log_option_next, heads_next.value),
             q=at_option(heads.value, option),
             q_next=value_of_next_option(heads_next.value, log_option_next, option, ended),
         )
-        policy = heads.policy(option)
+
+    def targets(self, params: Any, batch: Batch) -> tuple[dict[str, Any], Metrics]:
+        """Evaluate a rollout into what the loss reads of both policies, [T, B, ...], and metrics.
+
+        What the critic is fitted to is each algorithm's own.
+        """
+        # The heads again, and in `values`: the compiler makes one evaluation of equal ones.
+        heads, option = self.heads(params, batch.obs), batch.record
+        log_option, policy = self.option_log_probs(heads, batch.memory), heads.policy(option)
         data = {
             "obs": batch.obs,
             "memory": batch.memory,
             "option": option,
             "action": batch.action,
-            "log_option": log_option,
+            "log_option": log_option,  # [T, B, K]
             "log_prob_action": policy.log_prob(batch.action),
         }
         metrics = {
             "option_entropy": entropy(log_option).mean(),
             "action_entropy": policy.entropy().mean(),
-            "termination": jax.nn.sigmoid(at_option(heads_next.termination, option)).mean(),
-            "value": values.value.mean(),
+            "value": self.values(params, batch).value.mean(),
         }
-        return data, values, metrics | self.statistics(batch, option)
+        return data, metrics | self.statistics(params, batch, option)
 
-    def statistics(self, batch: Batch, option: jax.Array) -> Metrics:
-        """Count the steps and activations of the options [T, B] of a rollout."""
-        return option_statistics(option, batch.memory.previous, batch.started, self.num_options)
-
-    def _network(self, action_size: int) -> OptionNetwork:
-        return OptionNetwork(
-            action_size, self.num_options, self.num_values, self.hidden_sizes, self.activation
-        )
-
-    def _optimizer(self) -> optax.GradientTransformation:
-        return adam(self.learning_rate, self.max_grad_norm, self.adam_eps)
+    def statistics(self, params: Any, batch: Batch, option: jax.Array) -> Metrics:
+        """Return the options' [T, B] probability to end, steps and activations in a rollout."""
+        termination = at_option(self.heads(params, batch.next_obs).termination, option)
+        counts = option_statistics(option, batch.memory.previous, batch.started, self.num_options)
+        return counts | {"termination": jax.nn.sigmoid(termination).mean()}
 
 
-class ClippedOptionAgent(OptionAgent):
+class ClippedOptionAgent(OptionAgent, ClippedAgent):
     """An option agent whose policies PPO optimises."""
-
-    gae_lambda: float = traced(0.95, high=1.0)
-    clip_eps: float = traced(0.2)
-    num_epochs: int = static(10)
-    minibatch_size: int = static(64)
 
     def advantage_and_return(
         self, batch: Batch, value: jax.Array, value_next: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
         """Return standardised GAE(lambda) advantages and discounted returns, both [T, B]."""
-        ends = batch.terminated, batch.truncated
-        bootstrap = self.bootstrap_on_truncation
-        advantage = generalized_advantages(
-            batch.reward, value, value_next, *ends, self.gamma, self.gae_lambda, bootstrap
-        )
-        returns = discounted_returns(batch.reward, value_next, *ends, self.gamma, bootstrap)
-        return standardize(advantage), returns
+        advantage = self.advantages(batch, batch.reward, value, value_next)
+        return standardize(advantage), self.returns(batch, value_next)
 
-    def optimize(
-        self, loss: Loss, state: LearnerState, data: Any, key: jax.Array
-    ) -> tuple[LearnerState, Metrics]:
-        """Run `num_epochs` of minibatches of the data [T, B, ...] on a loss."""
-        params, opt_state, diagnostics = minibatch_epochs(
-            loss,
-            self._optimizer(),
-            state.params,
-            state.opt_state,
-            jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), data),
-            key,
-            num_epochs=self.num_epochs,
-            minibatch_size=self.minibatch_size,
+    def targets(self, params: Any, batch: Batch) -> tuple[dict[str, Any], Metrics]:
+        """Evaluate a rollout into what the loss reads, [T, B, ...], and metrics.
+
+        Options have their advantages over V[s, o_{t-1}], actions over Q[s, o_t].
+        """
+        data, metrics = super().targets(params, batch)
+        values = self.values(params, batch)
+        data["advantage_option"], data["value_target"] = self.advantage_and_return(
+            batch, values.value, values.value_next
         )
-        return LearnerState(params, opt_state), diagnostics
+        data["advantage_action"], data["q_target"] = self.advantage_and_return(
+            batch, values.q, values.q_next
+        )
+        return data, metrics

@@ -6,15 +6,13 @@ import distrax
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-from flax import struct
 
-from hitmdp_jax.agents.base import LearnerState, Metrics, static, traced
-from hitmdp_jax.learning.advantages import generalized_advantages, standardize
-from hitmdp_jax.learning.optimization import adam, minibatch_epochs
+from hitmdp_jax.agents.base import traced
+from hitmdp_jax.agents.gradient_agent import ClippedAgent
+from hitmdp_jax.learning.advantages import standardize
+from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.rollout import Batch
-from hitmdp_jax.learning.surrogate import clipped_surrogate
 from hitmdp_jax.networks import ActionDecoder, Critic
-from hitmdp_jax.networks.mlp import ACTIVATIONS
 
 
 class PPONetwork(nn.Module):
@@ -37,43 +35,23 @@ class PPONetwork(nn.Module):
         return self.decoder(obs), self.critic(obs)
 
 
-class PPO(struct.PyTreeNode):
+class PPO(ClippedAgent):
     """Learns one Gaussian policy by the clipped surrogate. It has no memory.
 
     Sizes and hyperparameters equal MOPG's, so that the two differ in the options alone.
     """
 
-    learning_rate: float = traced(3e-4)
-    adam_eps: float = traced(1e-5)
-    max_grad_norm: float = traced(0.5)
-    gamma: float = traced(0.99, high=1.0)
-    gae_lambda: float = traced(0.95, high=1.0)
-    clip_eps: float = traced(0.2)
     entropy_weight: float = traced(0.0)
     initial_log_std: float = traced(-0.5, low=-10.0, high=10.0)
-    hidden_sizes: tuple[int, ...] = static((64, 64))
-    activation: str = static("relu", tuple(ACTIVATIONS))
-    bootstrap_on_truncation: bool = static(True)
-    num_epochs: int = static(10)
-    minibatch_size: int = static(64)
 
     def network(self, action_size: int) -> PPONetwork:
         """Return the network for actions of this size."""
         return PPONetwork(action_size, self.hidden_sizes, self.activation, self.initial_log_std)
 
-    def apply(self, params: Any, obs: jax.Array) -> Any:
+    def heads(self, params: Any, obs: jax.Array) -> Any:
         """Return the policy, a distribution over [..., A], and the value [...] of obs [..., O]."""
         network = self.network(params["decoder"]["log_std"].size)
         return network.apply({"params": params}, obs)
-
-    def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
-        """Return new parameters and optimiser state."""
-        params = self.network(action_size).init(key, jnp.zeros((1, observation_size)))["params"]
-        return LearnerState(params, self._optimizer().init(params))
-
-    def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> tuple[()]:
-        """Return nothing: PPO remembers nothing."""
-        return ()
 
     def act(
         self,
@@ -84,32 +62,16 @@ class PPO(struct.PyTreeNode):
         deterministic: bool = False,
     ) -> tuple[jax.Array, tuple[()], tuple[()]]:
         """Draw a_t; the deterministic policy takes the mean."""
-        policy, _ = self.apply(params, obs)
+        policy, _ = self.heads(params, obs)
         return (policy.mode() if deterministic else policy.sample(seed=key)), (), ()
 
-    def option_of(self, record: tuple[()]) -> None:
-        """Return None: PPO has no options."""
-
-    def option_probs(self, params: Any, obs: jax.Array, memory: tuple[()]) -> None:
-        """Return None: PPO has no options."""
-
-    def update(
-        self, state: LearnerState, batch: Batch, key: jax.Array
-    ) -> tuple[LearnerState, Metrics]:
-        """Estimate advantages, then run `num_epochs` of minibatches on the surrogate."""
-        policy, value = self.apply(state.params, batch.obs)
-        _, next_value = self.apply(state.params, batch.next_obs)
+    def targets(self, params: Any, batch: Batch) -> tuple[dict[str, Any], Metrics]:
+        """Evaluate a rollout into what the loss reads, [T, B, ...], and metrics."""
+        policy, value = self.heads(params, batch.obs)
+        _, value_next = self.heads(params, batch.next_obs)
         entropy = policy.entropy()
-        advantage = generalized_advantages(
-            batch.reward + self.entropy_weight * entropy,
-            value,
-            next_value,
-            batch.terminated,
-            batch.truncated,
-            self.gamma,
-            self.gae_lambda,
-            self.bootstrap_on_truncation,
-        )
+        reward = batch.reward + self.entropy_weight * entropy
+        advantage = self.advantages(batch, reward, value, value_next)
         data = {
             "obs": batch.obs,
             "action": batch.action,
@@ -117,28 +79,13 @@ class PPO(struct.PyTreeNode):
             "advantage": standardize(advantage),
             "value_target": advantage + value,
         }
-        params, opt_state, diagnostics = minibatch_epochs(
-            self.loss,
-            self._optimizer(),
-            state.params,
-            state.opt_state,
-            jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), data),
-            key,
-            num_epochs=self.num_epochs,
-            minibatch_size=self.minibatch_size,
-        )
-        metrics = {"action_entropy": entropy.mean(), "value": value.mean()}
-        return LearnerState(params, opt_state), metrics | diagnostics
+        return data, {"action_entropy": entropy.mean(), "value": value.mean()}
 
-    def loss(self, params: Any, data: dict[str, jax.Array]) -> tuple[jax.Array, Metrics]:
+    def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return the loss of a minibatch: the surrogate and the critic's squared error."""
-        policy, value = self.apply(params, data["obs"])
-        surrogate, diagnostics = clipped_surrogate(
-            policy.log_prob(data["action"]), data["log_prob"], data["advantage"], self.clip_eps
+        policy, value = self.heads(params, data["obs"])
+        surrogate, metrics = self.surrogate(
+            "action", policy.log_prob(data["action"]), data["log_prob"], data["advantage"]
         )
         value_loss = 0.5 * jnp.square(value - data["value_target"]).mean()
-        metrics = {f"action_{name}": x for name, x in diagnostics.items()}
         return value_loss - surrogate, metrics | {"value_loss": value_loss}
-
-    def _optimizer(self):
-        return adam(self.learning_rate, self.max_grad_norm, self.adam_eps)

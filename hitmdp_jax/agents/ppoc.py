@@ -5,15 +5,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from hitmdp_jax.agents.base import LearnerState, Metrics, traced
+from hitmdp_jax.agents.base import traced
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
-from hitmdp_jax.learning.options import (
-    at_option,
-    entropy,
-    termination_objective,
-)
-from hitmdp_jax.learning.rollout import Batch
-from hitmdp_jax.learning.surrogate import clipped_surrogate
+from hitmdp_jax.learning.metrics import Metrics
+from hitmdp_jax.learning.options import at_option, entropy, expected_value, termination_objective
 
 
 class PPOC(ClippedOptionAgent):
@@ -38,45 +33,26 @@ class PPOC(ClippedOptionAgent):
     entropy_weight: float = traced(0.01)  # of pi(o | s)
     termination_regularizer: float = traced(0.01)  # advantage granted to going on
 
-    def update(
-        self, state: LearnerState, batch: Batch, key: jax.Array
-    ) -> tuple[LearnerState, Metrics]:
-        """Estimate both advantages, then run `num_epochs` of minibatches on the joint loss."""
-        data, values, metrics = self.evaluate(state.params, batch)
-        data["advantage_option"], _ = self.advantage_and_return(
-            batch, values.value, values.value_next
-        )
-        data["advantage_action"], data["return"] = self.advantage_and_return(
-            batch, values.q, values.q_next
-        )
-        state, diagnostics = self.optimize(self.loss, state, data, key)
-        return state, metrics | diagnostics
-
     def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return a minibatch's loss: both surrogates, termination, entropy, squared error."""
         heads, memory, option = self.heads(params, data["obs"]), data["memory"], data["option"]
-        surrogate_action, action = clipped_surrogate(
-            heads.policy(option).log_prob(data["action"]),
-            data["log_prob_action"],
-            data["advantage_action"],
-            self.clip_eps,
+        log_prob_action = heads.policy(option).log_prob(data["action"])
+        surrogate_action, of_actions = self.surrogate(
+            "action", log_prob_action, data["log_prob_action"], data["advantage_action"]
         )
         held = heads.replace(termination=jax.lax.stop_gradient(heads.termination))
-        surrogate_option, master = clipped_surrogate(
+        surrogate_option, of_options = self.surrogate(
+            "option",
             at_option(self.option_log_probs(held, memory), option),
             at_option(data["log_option"], option),
             data["advantage_option"],
-            self.clip_eps,
         )
-        value = (jnp.exp(heads.log_master) * heads.value).sum(-1)
+        value = expected_value(heads.log_master, heads.value)
         termination = termination_objective(
             heads.termination, heads.value, value, memory, self.termination_regularizer
         ).mean()
         bonus = self.entropy_weight * entropy(heads.log_master).mean()
-        value_loss = 0.5 * jnp.square(at_option(heads.value, option) - data["return"]).mean()
-        diagnostics = {f"option_{name}": x for name, x in master.items()}
-        diagnostics |= {f"action_{name}": x for name, x in action.items()}
-        return (
-            value_loss + termination - surrogate_action - surrogate_option - bonus,
-            diagnostics | {"value_loss": value_loss, "termination_loss": termination},
-        )
+        value_loss = 0.5 * jnp.square(at_option(heads.value, option) - data["q_target"]).mean()
+        loss = value_loss + termination - surrogate_action - surrogate_option - bonus
+        losses = {"value_loss": value_loss, "termination_loss": termination}
+        return loss, of_options | of_actions | losses

@@ -3,20 +3,22 @@
 import jax
 import jax.numpy as jnp
 
+from hitmdp_jax.learning.options import at_option
+
 CHOICES = ("none", "action", "usage", "previous")
 
 
-def taken(log_probs: jax.Array, option: jax.Array) -> jax.Array:
-    """Return the entries [N] of log_probs [N, K] at the options [N]."""
-    return jnp.take_along_axis(log_probs, option[:, None], axis=-1).squeeze(-1)
+def usage(option: jax.Array, num_options: int) -> jax.Array:
+    """Return the share [K] of each option among the options [...] of a batch."""
+    return jax.nn.one_hot(option.ravel(), num_options).mean(axis=0)
 
 
 def option_posterior(log_master: jax.Array, log_action: jax.Array) -> jax.Array:
-    """Return log P(o | s, a, o_{t-1}) [N, K] by Bayes' rule from the two policies.
+    """Return log P(o | s, a, o_{t-1}) [..., K] by Bayes' rule from the two policies.
 
     Args:
-      log_master: [N, K] log P(o | s, o_{t-1}).
-      log_action: [N, K] log P(a | s, o) of the action taken.
+      log_master: [..., K] log P(o | s, o_{t-1}).
+      log_action: [..., K] log P(a | s, o) of the action taken.
     """
     return jax.nn.log_softmax(log_master + log_action, axis=-1)
 
@@ -24,35 +26,35 @@ def option_posterior(log_master: jax.Array, log_action: jax.Array) -> jax.Array:
 def action_information(
     log_master: jax.Array, log_action: jax.Array, option: jax.Array
 ) -> jax.Array:
-    """Return log P(a | s, o_t) - log sum_o P(o | s, o_{t-1}) P(a | s, o), in nats [N].
+    """Return log P(a | s, o_t) - log sum_o P(o | s, o_{t-1}) P(a | s, o), in nats [...].
 
-    What the option says of the action. Args as in `option_posterior`; option: [N], o_t.
+    What the option says of the action. Args as in `option_posterior`; option: [...], o_t.
     """
     marginal = jax.nn.logsumexp(log_master + log_action, axis=-1)
-    return taken(log_action, option) - marginal
+    return at_option(log_action, option) - marginal
 
 
 def usage_information(log_master: jax.Array, log_action: jax.Array, option: jax.Array) -> jax.Array:
-    """Return log P(o_t | s, a, o_{t-1}) - log p(o_t), in nats [N], p the batch's option usage.
+    """Return log P(o_t | s, a, o_{t-1}) - log p(o_t), in nats [...], p the batch's option usage.
 
     What state and action say of the option, beyond how often it is used.
     """
-    usage = jax.nn.one_hot(option, log_master.shape[-1]).mean(axis=0)
-    return taken(option_posterior(log_master, log_action), option) - jnp.log(usage)[option]
+    log_usage = jnp.log(usage(option, log_master.shape[-1]))
+    return at_option(option_posterior(log_master, log_action) - log_usage, option)
 
 
 def previous_information(
     log_master: jax.Array, log_action: jax.Array, option: jax.Array, log_marginal: jax.Array
 ) -> jax.Array:
-    """Return log P(o_t | s, a, o_{t-1}) - log P(o_t | s, a), in nats [N].
+    """Return log P(o_t | s, a, o_{t-1}) - log P(o_t | s, a), in nats [...].
 
     What the previous option adds to state and action.
 
     Args:
-      log_master: [N, K] log P(o | s, o_{t-1}).
-      log_action: [N, K] log P(a | s, o) of the action taken.
-      option: [N], o_t.
-      log_marginal: [N, K] log P(o | s), the previous option marginalised out.
+      log_master: [..., K] log P(o | s, o_{t-1}).
+      log_action: [..., K] log P(a | s, o) of the action taken.
+      option: [...], o_t.
+      log_marginal: [..., K] log P(o | s), the previous option marginalised out.
     """
     posterior = option_posterior(log_master, log_action)
-    return taken(posterior - option_posterior(log_marginal, log_action), option)
+    return at_option(posterior - option_posterior(log_marginal, log_action), option)

@@ -68,6 +68,16 @@ def entropy(log_probs: jax.Array) -> jax.Array:
     return -jnp.where(probs > 0, probs * log_probs, 0.0).sum(-1)
 
 
+def expected_value(log_probs: jax.Array, q: jax.Array) -> jax.Array:
+    """Return V[s, o_{t-1}] = sum_o P(o | s, o_{t-1}) Q[s, o] [...] (HiT-MDP Eq. 6).
+
+    Args:
+      log_probs: [..., K] log P(o | s, o_{t-1}).
+      q: [..., K] Q[s, o].
+    """
+    return (jnp.exp(log_probs) * q).sum(-1)
+
+
 def value_of_next_option(
     q_next: jax.Array, log_prob_next: jax.Array, option: jax.Array, ended: jax.Array
 ) -> jax.Array:
@@ -83,8 +93,7 @@ def value_of_next_option(
       ended: [T, B] bool, the episode ended at t.
     """
     drawn = at_option(q_next, jnp.roll(option, -1, axis=0))
-    expected = (jnp.exp(log_prob_next) * q_next).sum(-1)
-    return jnp.where(ended.at[-1].set(True), expected, drawn)
+    return jnp.where(ended.at[-1].set(True), expected_value(log_prob_next, q_next), drawn)
 
 
 def termination_objective(

@@ -4,12 +4,11 @@ from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
-from brax.training.acme import running_statistics
+from brax.training.acme.running_statistics import NestedMeanStd
 from flax import struct
 
 from hitmdp_jax.envs.vector import Step, VectorEnv, VectorState
-
-OBSERVATION_CLIP = 10.0  # normalised observations lie within +-10 standard deviations
+from hitmdp_jax.learning.normalization import normalize
 
 
 class Actor(Protocol):
@@ -53,15 +52,10 @@ def observation_of(state: VectorState) -> jax.Array:
     return state.env.obs
 
 
-def normalize(obs: jax.Array, normalizer: running_statistics.RunningStatisticsState) -> jax.Array:
-    """Return observations [..., O] in units of their running mean and standard deviation."""
-    return running_statistics.normalize(obs, normalizer, max_abs_value=OBSERVATION_CLIP)
-
-
 def collect(
     agent: Actor,
     params: Any,
-    normalizer: running_statistics.RunningStatisticsState,
+    normalizer: NestedMeanStd,
     env: VectorEnv,
     state: RolloutState,
     key: jax.Array,

@@ -37,13 +37,13 @@ class OptionEncoder(nn.Module):
         """Return the logits of the next option.
 
         Args:
-          obs: [B, O] normalised observations.
-          previous: [B] int, the options o_{t-1}.
+          obs: [..., O] normalised observations.
+          previous: [...] int, the options o_{t-1}.
           embeddings: [K, E], W.
           similarity: c, the weight of the similarity logits; unused in the printed form.
 
         Returns:
-          [B, K] logits.
+          [..., K] logits.
         """
         num_options, width = embeddings.shape
         by_similarity = self.master_policy == "similarity"
@@ -58,7 +58,8 @@ class OptionEncoder(nn.Module):
             query = query + previous_embedding
         # The batch is the attention's sequence of queries: keys and values, which depend on the
         # embeddings alone, are projected once instead of once a sample.
-        attended = nn.MultiHeadDotProductAttention(num_heads=1, name="attention")(query, embeddings)
+        attention = nn.MultiHeadDotProductAttention(num_heads=1, name="attention")
+        attended = attention(query.reshape(-1, width), embeddings).reshape(query.shape)
         clustered = nn.LayerNorm(name="norm")(query + attended)
         head = nn.Dense(num_options, kernel_init=orthogonal(self.head_gain), name="logits")
         logits = head(MLP(self.sizes, self.activation, name="logits_body")(clustered))

@@ -15,7 +15,8 @@ from hitmdp_jax.theory.hit_mdp import HiTMDP, augmented_reward
 def remembered(num_options: int, order: int) -> jax.Array:
     """Return the memory after each option, [K^n, K] int, for each memory of n options.
 
-    A memory is coded as o_{t-1} + K o_{t-2} + K^2 o_{t-3} + ..., as in `agents.mopg.remember`.
+    A memory is coded as o_{t-1} + K o_{t-2} + K^2 o_{t-3} + ..., as `agents.hit_policy.remember`
+    does.
     """
     memory, option = jnp.arange(num_options**order)[:, None], jnp.arange(num_options)
     return (option + num_options * memory) % num_options**order

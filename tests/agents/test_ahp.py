@@ -40,7 +40,7 @@ def data(agent, params, key):
     heads = agent.heads(params, batch.obs)
     data["log_prob"] = agent.log_prob(heads, data)
     data["advantage"] = jax.random.normal(key, (T, B))
-    data["return"] = agent.value(heads, memory)
+    data["value_target"] = agent.value(heads, memory)
     return flatten(data)
 
 

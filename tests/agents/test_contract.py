@@ -116,14 +116,23 @@ def test_learns_to_hit_the_target(agent, key):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"learning_rate": -1.0}, "learning_rate = -1.0 must be a number from 0 to inf"),
+        ({"learning_rate": -1.0}, "learning_rate = -1.0 must be a finite number from 0"),
+        ({"learning_rate": float("inf")}, "learning_rate = inf must be a finite number from 0"),
+        ({"learning_rate": "a"}, "learning_rate = a must be a finite number from 0"),
+        ({"learning_rate": None}, "learning_rate = None must be a finite number from 0"),
+        ({"learning_rate": True}, "learning_rate = True must be a finite number from 0"),
         ({"gamma": 1.5}, "gamma = 1.5 must be a number from 0 to 1"),
+        ({"gamma": float("nan")}, "gamma = nan must be a number from 0 to 1"),
         ({"hidden_sizes": (64, -1)}, "must be a list of positive whole numbers"),
+        ({"hidden_sizes": 64}, "hidden_sizes = 64 must be a list of positive whole numbers"),
+        ({"hidden_sizes": ()}, "must be a list of positive whole numbers"),
+        ({"activation": "rely"}, "did you mean 'relu'"),
+        ({"bootstrap_on_truncation": 1}, "bootstrap_on_truncation = 1 must be true or false"),
     ],
 )
 def test_bad_hyperparameters_are_explained(agent, change, sentence):
     with pytest.raises(UsageError, match=sentence):
-        hitmdp_jax.make_train(agent.replace(**change), Target(), num_steps=128, **SIZES)
+        agent.replace(**change)
 
 
 def test_bad_sizes_are_explained(agent):
@@ -132,6 +141,28 @@ def test_bad_sizes_are_explained(agent):
         if isinstance(field.default, int) and not isinstance(field.default, bool):
             sentence = f"{field.name} = 0 must be a positive whole number"
             with pytest.raises(UsageError, match=sentence):
-                hitmdp_jax.make_train(
-                    agent.replace(**{field.name: 0}), Target(), num_steps=128, **SIZES
-                )
+                agent.replace(**{field.name: 0})
+
+
+def test_executed_options_and_their_probabilities_agree(agent, key):
+    """An option that was executed is an index, and its probability is not zero."""
+    params = agent.init(key, 5, 2).params
+    memory, obs = agent.initial_memory(key, (2, 3)), jax.random.normal(key, (2, 3, 5))
+    _, _, record = agent.act(params, obs, memory, key)
+    option, probs = agent.option_of(record), agent.option_probs(params, obs, memory)
+    if option is None:
+        assert probs is None
+        return
+    assert option.shape == (2, 3)
+    assert probs.shape == (2, 3, agent.num_options)
+    np.testing.assert_allclose(probs.sum(-1), 1.0, rtol=1e-5)
+    assert (jnp.take_along_axis(probs, option[..., None], axis=-1) > 0).all()
+
+
+def test_rollouts_that_do_not_divide_are_refused(agent):
+    if not hasattr(agent, "minibatch_size"):
+        agent.check_batch(101)
+        return
+    sentence = "2 \\* 50 = 100 is not divisible by minibatch_size = 64; the nearest .* is 50"
+    with pytest.raises(UsageError, match=sentence):
+        agent.check_batch(100, "2 * 50")

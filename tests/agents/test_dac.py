@@ -27,12 +27,13 @@ def agent():
 @pytest.fixture
 def data(agent, params, key):
     """A rollout as the losses read it, with made-up advantages and exact values."""
-    data, values, _ = agent.evaluate(params, random_batch(key))
-    advantage = jax.random.normal(key, (2, T, B))
+    batch = random_batch(key)
+    data, _ = agent.targets(params, batch)
+    values, advantage = agent.values(params, batch), jax.random.normal(key, (2, T, B))
     return flatten(
         data
-        | {"advantage_high": advantage[0], "return_high": values.value}
-        | {"advantage_low": advantage[1], "return_low": values.q}
+        | {"advantage_option": advantage[0], "value_target": values.value}
+        | {"advantage_action": advantage[1], "q_target": values.q}
     )
 
 
@@ -62,10 +63,10 @@ def test_gradients_at_the_old_policies_are_policy_gradients(agent, params, data)
     def plain_high(params, sample):
         pi = pi_hat(agent, params, sample)
         bonus = -agent.entropy_weight * (pi * jnp.log(pi)).sum()
-        return sample["advantage_high"] * jnp.log(pi[sample["option"]]) + bonus
+        return sample["advantage_option"] * jnp.log(pi[sample["option"]]) + bonus
 
     def plain_low(params, sample):
-        return sample["advantage_low"] * log_pi_bar(agent, params, sample)
+        return sample["advantage_action"] * log_pi_bar(agent, params, sample)
 
     assert_ascends(agent.high_loss, plain_high, params, data)
     assert_ascends(agent.low_loss, plain_low, params, data)
@@ -80,7 +81,7 @@ def test_each_pass_leaves_the_other_mdps_policy_alone(agent, params, data):
 
 
 def test_value_losses_are_by_hand(agent, params, data):
-    data |= {"return_high": data["return_high"] + 2.0, "return_low": data["return_low"] - 4.0}
+    data |= {"value_target": data["value_target"] + 2.0, "q_target": data["q_target"] - 4.0}
     np.testing.assert_allclose(agent.high_loss(params, data)[1]["value_loss"], 2.0, rtol=1e-4)
     np.testing.assert_allclose(agent.low_loss(params, data)[1]["q_loss"], 8.0, rtol=1e-4)
 

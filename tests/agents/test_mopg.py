@@ -10,6 +10,7 @@ from hitmdp_jax.agents import MOPG
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.networks import OptionEncoder
+from tests.agents.option_batches import flatten
 from tests.learning.test_advantages import advantages_by_loop
 
 T, B, O, A, K = 5, 3, 4, 2, 4  # noqa: E741
@@ -58,9 +59,7 @@ def master(agent, params, obs, previous):
 
 def q_values(agent, params, obs):
     """Q_O[s, o] of one state and every option."""
-    return np.array(
-        [float(agent._apply(params, "q", obs[None], jnp.array([o]))[0]) for o in range(K)]
-    )
+    return np.array([float(agent.q(params, obs[None], jnp.array([o]))[0]) for o in range(K)])
 
 
 def v_bar(agent, params, obs, previous):
@@ -100,19 +99,17 @@ def test_both_advantages_equal_their_definitions(form, params, batch):
     ):
         expected = advantages_by_loop(reward, v, v_next, *ends, 0.99, 0.95, True)
         standardized = (expected - expected.mean()) / expected.std()
-        np.testing.assert_allclose(data[name], standardized.ravel(), rtol=1e-3, atol=1e-3)
+        np.testing.assert_allclose(data[name], standardized, rtol=1e-3, atol=1e-3)
         if name == "advantage_action":
-            np.testing.assert_allclose(
-                data["value_target"], (expected + q).ravel(), rtol=1e-3, atol=1e-3
-            )
+            np.testing.assert_allclose(data["q_target"], expected + q, rtol=1e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize("choice", ["action", "usage", "previous"])
 def test_information_equals_brute_force(choice, params, batch):
     agent = MOPG(mutual_information=choice)
-    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), batch)
-    log_master = agent.master_log_probs(params, flat.obs, flat.memory)
-    result = agent._information(params, flat, log_master)
+    log_option = agent.option_log_probs(params, batch.obs, batch.memory)
+    result = agent.information(params, batch, log_option).ravel()
+    flat = flatten(batch)
     N = T * B
     usage = np.bincount(np.asarray(flat.record), minlength=K) / N
     usage_before = np.bincount(np.asarray(flat.memory), minlength=K) / N
@@ -122,7 +119,7 @@ def test_information_equals_brute_force(choice, params, batch):
             [
                 np.exp(
                     float(
-                        agent._apply(params, "action", obs[None], jnp.array([o])).log_prob(
+                        agent.policy(params, obs[None], jnp.array([o])).log_prob(
                             flat.action[n][None]
                         )[0]
                     )
@@ -144,11 +141,11 @@ def test_information_equals_brute_force(choice, params, batch):
 def test_loss_at_the_old_policy_is_by_hand(params, batch):
     agent = MOPG()
     data, _ = agent.targets(params, batch)
-    q = agent._apply(params, "q", data["obs"], data["option"])
+    q = agent.q(params, data["obs"], data["option"])
     data |= {
-        "advantage_option": jnp.full(T * B, 2.0),
-        "advantage_action": jnp.full(T * B, 3.0),
-        "value_target": q - 2.0,
+        "advantage_option": jnp.full((T, B), 2.0),
+        "advantage_action": jnp.full((T, B), 3.0),
+        "q_target": q - 2.0,
     }
     loss, diagnostics = agent.loss(params, data)
     # Both ratios are 1: half of 2^2, less 2, less 3.
@@ -160,13 +157,13 @@ def test_gradient_at_the_old_policy_is_the_policy_gradient(params, batch):
     """sum of A grad log pi over both policies (Thm 4.2, 4.3), by autodiff of the plain formula."""
     agent = MOPG()
     data, _ = agent.targets(params, batch)
-    q = agent._apply(params, "q", data["obs"], data["option"])
-    data["value_target"] = q  # leaves no critic gradient
+    q = agent.q(params, data["obs"], data["option"])
+    data["q_target"] = q  # leaves no critic gradient
 
     def plain(params):
-        log_master = agent.master_log_probs(params, data["obs"], data["previous"])
+        log_master = agent.option_log_probs(params, data["obs"], data["previous"])
         log_option = distrax.Categorical(log_master).log_prob(data["option"])
-        policy = agent._apply(params, "action", data["obs"], data["option"])
+        policy = agent.policy(params, data["obs"], data["option"])
         log_action = policy.log_prob(data["action"])
         return -jnp.mean(
             data["advantage_option"] * log_option + data["advantage_action"] * log_action
@@ -182,46 +179,9 @@ def test_gradient_at_the_old_policy_is_the_policy_gradient(params, batch):
         )
 
 
-def test_initial_options_are_uniform(key):
-    options = MOPG().initial_memory(key, (4000,))
-    np.testing.assert_allclose(np.bincount(options) / 4000, 0.25, atol=0.03)
-
-
-def test_memory_is_the_option_taken(key, params):
-    memory = jnp.zeros(64, jnp.int32)
-    _, new_memory, record = MOPG().act(params, jnp.ones((64, O)), memory, key)
-    np.testing.assert_array_equal(new_memory, record)
-
-
 def test_unknown_master_policy_is_explained():
-    from hitmdp_jax.agents.base import check_hyperparameters
-
     with pytest.raises(UsageError, match="did you mean 'printed'"):
-        check_hyperparameters(MOPG(master_policy="print"))
-
-
-def test_memory_of_order_three_holds_the_last_three_options(key):
-    agent = MOPG(value_order=3)
-    memory = jnp.zeros((), jnp.int32)
-    for option in (1, 2, 3):
-        memory = agent.remember(memory, jnp.array(option))
-    assert int(memory) == 3 + 4 * 2 + 16 * 1
-    assert int(agent.previous_option(memory)) == 3
-    assert int(agent.remember(memory, jnp.array(0))) == 0 + 4 * 3 + 16 * 2
-
-
-def test_values_of_order_two_depend_on_both_options(key, batch):
-    agent = MOPG(value_order=2)
-    params = agent.init(key, O, A).params
-    obs = batch.obs[0]
-    options, memory = jnp.array([0, 1, 2]), jnp.array([3, 2, 1])
-    every = agent._apply(params, "every_q", obs, memory)
-    for b, (option, previous) in enumerate(zip(options, memory, strict=True)):
-        # Q_O[s, o_t, o_{t-1}]
-        one = agent._apply(params, "q", obs[b][None], (option + K * previous)[None])
-        np.testing.assert_allclose(every[b, option], one[0], rtol=1e-5)
-        without = agent._apply(params, "q", obs[b][None], option[None])
-        assert not np.allclose(every[b, option], without)
+        MOPG(master_policy="print")
 
 
 def test_the_entropy_weight_is_annealed():

@@ -25,8 +25,8 @@ def agent():
 
 @pytest.fixture
 def data(agent, params, key):
-    data, _, _ = agent.evaluate(params, random_batch(key))
-    return data | {"return": jax.random.normal(key, (T, B))}
+    data, _ = agent.targets(params, random_batch(key))
+    return data | {"q_target": jax.random.normal(key, (T, B))}
 
 
 def test_the_master_is_epsilon_greedy(agent, params, key):
@@ -37,7 +37,7 @@ def test_the_master_is_epsilon_greedy(agent, params, key):
 
 
 def test_a_greedy_master_has_finite_metrics(params, key):
-    metrics = OC(epsilon=0.0).evaluate(params, random_batch(key))[2]
+    metrics = OC(epsilon=0.0).targets(params, random_batch(key))[1]
     assert all(np.isfinite(x).all() for x in metrics.values())
 
 
@@ -76,8 +76,8 @@ def test_gradient_is_the_option_critics(agent, params, data):
         going_on = q[previous] - (0.9 * q.max() + 0.1 * q.mean()) + 0.01
         beta = jnp.where(memory.initial, 0.0, jax.nn.sigmoid(heads.termination[previous]))
         return (
-            0.5 * (q[option] - sample["return"]) ** 2
-            - log_pi * sg(sample["return"] - q[option])
+            0.5 * (q[option] - sample["q_target"]) ** 2
+            - log_pi * sg(sample["q_target"] - q[option])
             - 0.01 * entropy
             + beta * sg(going_on)
         )

@@ -66,7 +66,7 @@ def test_the_master_chooses_an_episodes_first_option(agent, key):
 
 def test_values_of_both_augmented_mdps_equal_their_definitions(params, key):
     agent, batch = DAC(), random_batch(key)
-    data, values, _ = agent.evaluate(params, batch)
+    data, values = agent.targets(params, batch)[0], agent.values(params, batch)
     for t in range(T):
         for b in range(B):
             heads = agent.heads(params, batch.obs[t, b])

@@ -9,7 +9,7 @@ def test_loss_at_the_old_policy_is_by_hand(key):
     agent = PPO()
     params = agent.init(key, 3, 2).params
     obs, action = jax.random.normal(key, (4, 3)), jax.random.normal(key, (4, 2))
-    policy, value = agent.apply(params, obs)
+    policy, value = agent.heads(params, obs)
     data = {
         "obs": obs,
         "action": action,

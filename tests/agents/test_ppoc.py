@@ -25,10 +25,11 @@ def agent():
 @pytest.fixture
 def data(agent, params, key):
     """A rollout as the loss reads it, with made-up advantages and exact values."""
-    data, values, _ = agent.evaluate(params, random_batch(key))
+    batch = random_batch(key)
+    data, _ = agent.targets(params, batch)
     advantage = jax.random.normal(key, (2, T, B))
     data |= {"advantage_option": advantage[0], "advantage_action": advantage[1]}
-    return flatten(data | {"return": values.q})
+    return flatten(data | {"q_target": agent.values(params, batch).q})
 
 
 def test_gradient_at_the_old_policy_is_the_option_critics(agent, params, data):
@@ -53,7 +54,7 @@ def test_gradient_at_the_old_policy_is_the_option_critics(agent, params, data):
 
 
 def test_value_loss_is_by_hand(agent, params, data):
-    data["return"] += 2.0
+    data["q_target"] += 2.0
     _, diagnostics = agent.loss(params, data)
     np.testing.assert_allclose(diagnostics["value_loss"], 2.0, rtol=1e-4)
     np.testing.assert_allclose(diagnostics["option_kl"], 0.0, atol=1e-6)

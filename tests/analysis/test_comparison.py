@@ -3,7 +3,6 @@ import warnings
 
 import numpy as np
 import pytest
-from hitmdp_jax.training.sinks import CsvSink
 
 from hitmdp_jax.analysis.comparison import (
     compare,
@@ -12,6 +11,7 @@ from hitmdp_jax.analysis.comparison import (
     save_table,
     table,
 )
+from hitmdp_jax.training.sinks import CsvSink
 
 
 def write_run(folder, level):
@@ -61,10 +61,10 @@ def test_runs_are_compared(tmp_path):
 
 def test_a_single_seed_has_no_interval_and_a_silent_one_no_return(tmp_path):
     (tmp_path / "ppo").mkdir()
-    records = CsvSink(tmp_path / "ppo", first_seed=0)
+    sink = CsvSink(tmp_path / "ppo", first_seed=0)
     values = {"episode_return": np.nan, "episodes": 0.0, "steps_per_second": 50.0}
-    records.write(1, 2000, {name: np.array([x]) for name, x in values.items()})
-    records.close()
+    sink.write(1, 2000, {name: np.array([x]) for name, x in values.items()})
+    sink.close()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         results = compare({"ppo": tmp_path / "ppo"}, {"ppo": 20})

@@ -14,14 +14,14 @@ from hitmdp_jax.training.sinks import CsvSink
 
 
 def write_run(folder, iterations=30, options=True):
-    records = CsvSink(folder, first_seed=0)
+    sink = CsvSink(folder, first_seed=0)
     for i in range(1, iterations + 1):
         metrics = {"episode_return": np.array([float(i), np.nan if i < 3 else 2.0 * i])}
         if options:
             metrics["option_steps"] = np.array([[10.0, 30.0]] * 2)
             metrics["option_activations"] = np.array([[5.0, 0.0]] * 2)
-        records.write(i, 100 * i, metrics)
-    records.close()
+        sink.write(i, 100 * i, metrics)
+    sink.close()
 
 
 def test_metrics_are_read_by_seed(tmp_path):

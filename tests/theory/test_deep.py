@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from hitmdp_jax.agents.mopg import remember
+from hitmdp_jax.agents.hit_policy import remember
 from hitmdp_jax.theory import deep_value, hidden_values, remembered
 
 from .strategies import SHAPE, few, hit_mdps, random_hit_mdp

@@ -21,16 +21,17 @@ S, K, A = SHAPE
 class TabularMOPG(MOPG):
     """MOPG with tables for networks: observations are one-hot states, actions are indices."""
 
-    def _apply(self, params, method, *args):
-        state = args[0].argmax(-1)
-        if method == "master":
-            return jax.nn.log_softmax(params["master"][state, args[1]])
-        if method == "action":
-            return distrax.Categorical(logits=params["action"][args[1], state])
-        if method == "q":
-            return params["q"][state, args[1]]
-        assert method == "every_q"
-        return params["q"][state]
+    def option_log_probs(self, params, obs, previous):
+        return jax.nn.log_softmax(params["master"][obs.argmax(-1), previous])
+
+    def policy(self, params, obs, option):
+        return distrax.Categorical(logits=params["action"][option, obs.argmax(-1)])
+
+    def q(self, params, obs, memory):
+        return params["q"][obs.argmax(-1), memory]
+
+    def every_q(self, params, obs, memory):
+        return params["q"][obs.argmax(-1)]
 
 
 solve = jax.jit(hidden_values)
@@ -83,7 +84,7 @@ def limit_of_many_samples(hit, start, advantage_option, advantage_action):
         "log_prob_action": jax.nn.log_softmax(params["action"])[option, state, action],
         "advantage_option": weight * jnp.broadcast_to(advantage_option, joint.shape).ravel(),
         "advantage_action": weight * jnp.broadcast_to(advantage_action, joint.shape).ravel(),
-        "value_target": jnp.zeros(joint.size),
+        "q_target": jnp.zeros(joint.size),
     }
 
 

@@ -1,0 +1,129 @@
+"""What agents that learn by gradient steps share, and those of them that PPO's surrogate serves."""
+
+import abc
+from typing import Any
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+import optax
+
+from hitmdp_jax.agents.base import Agent, LearnerState, static, traced
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.learning.advantages import discounted_returns, generalized_advantages
+from hitmdp_jax.learning.metrics import Metrics
+from hitmdp_jax.learning.optimization import Loss, adam, minibatch_epochs
+from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.learning.surrogate import clipped_surrogate
+from hitmdp_jax.networks.mlp import ACTIVATIONS
+
+
+class GradientAgent(Agent):
+    """An agent with one network, which Adam trains."""
+
+    learning_rate: float = traced(3e-4)
+    adam_eps: float = traced(1e-5)
+    max_grad_norm: float = traced(0.5, infinite=True)
+    gamma: float = traced(0.99, high=1.0)
+    hidden_sizes: tuple[int, ...] = static((64, 64))
+    activation: str = static("relu", tuple(ACTIVATIONS))
+    bootstrap_on_truncation: bool = static(True)
+
+    @abc.abstractmethod
+    def network(self, action_size: int) -> nn.Module:
+        """Return the network for actions of this size; called with observations, it runs whole."""
+
+    def optimizer(self) -> optax.GradientTransformation:
+        """Return Adam behind a gradient-norm clip."""
+        return adam(self.learning_rate, self.max_grad_norm, self.adam_eps)
+
+    def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
+        """Return new parameters and optimiser state."""
+        params = self.network(action_size).init(key, jnp.zeros((1, observation_size)))["params"]
+        return LearnerState(params, self.optimizer().init(params))
+
+    def returns(self, batch: Batch, next_value: jax.Array) -> jax.Array:
+        """Return a rollout's discounted returns [T, B], given the values [T, B] it reached."""
+        return discounted_returns(
+            batch.reward,
+            next_value,
+            batch.terminated,
+            batch.truncated,
+            self.gamma,
+            self.bootstrap_on_truncation,
+        )
+
+
+class ClippedAgent(GradientAgent):
+    """An agent that evaluates a rollout and climbs clipped surrogates in epochs of minibatches.
+
+    An algorithm is its `targets` and its `loss`; another objective is another `surrogate`.
+    """
+
+    gae_lambda: float = traced(0.95, high=1.0)
+    clip_eps: float = traced(0.2, infinite=True)
+    num_epochs: int = static(10)
+    minibatch_size: int = static(64)
+
+    def check_batch(self, num_samples: int, spelled: str = "num_samples") -> None:
+        """Reject a number of samples that minibatches do not divide."""
+        size = self.minibatch_size
+        if num_samples % size:
+            near = max(d for d in range(1, size + 1) if num_samples % d == 0)
+            raise UsageError(
+                f"{spelled} = {num_samples} is not divisible by minibatch_size = {size}; "
+                f"the nearest size below that divides it is {near}."
+            )
+
+    @abc.abstractmethod
+    def targets(self, params: Any, batch: Batch) -> tuple[dict[str, Any], Metrics]:
+        """Evaluate a rollout into what the loss reads, [T, B, ...], and metrics."""
+
+    def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
+        """Return the loss of a minibatch [N, ...], and metrics."""
+        raise NotImplementedError("an algorithm has a `loss`, or an `update` that needs none")
+
+    def update(
+        self, state: LearnerState, batch: Batch, key: jax.Array
+    ) -> tuple[LearnerState, Metrics]:
+        """Evaluate the rollout, then run `num_epochs` of minibatches on the loss."""
+        data, metrics = self.targets(state.params, batch)
+        state, diagnostics = self.optimize(self.loss, state, data, key)
+        return state, metrics | diagnostics
+
+    def advantages(
+        self, batch: Batch, reward: jax.Array, value: jax.Array, next_value: jax.Array
+    ) -> jax.Array:
+        """Return GAE(lambda) [T, B] over a rollout's ends; not standardised."""
+        return generalized_advantages(
+            reward,
+            value,
+            next_value,
+            batch.terminated,
+            batch.truncated,
+            self.gamma,
+            self.gae_lambda,
+            self.bootstrap_on_truncation,
+        )
+
+    def surrogate(
+        self, name: str, log_prob: jax.Array, old_log_prob: jax.Array, advantage: jax.Array
+    ) -> tuple[jax.Array, Metrics]:
+        """Return the objective of one policy, to be maximised, and diagnostics of that name."""
+        return clipped_surrogate(log_prob, old_log_prob, advantage, self.clip_eps, name)
+
+    def optimize(
+        self, loss: Loss, state: LearnerState, data: Any, key: jax.Array
+    ) -> tuple[LearnerState, Metrics]:
+        """Run `num_epochs` of minibatches of the data [T, B, ...] on a loss."""
+        params, opt_state, diagnostics = minibatch_epochs(
+            loss,
+            self.optimizer(),
+            state.params,
+            state.opt_state,
+            jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), data),
+            key,
+            num_epochs=self.num_epochs,
+            minibatch_size=self.minibatch_size,
+        )
+        return state.replace(params=params, opt_state=opt_state), diagnostics

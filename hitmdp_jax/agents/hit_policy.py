@@ -1,0 +1,171 @@
+"""The policy of HiT-MDPs (sec. 3 and App. G): options as embeddings, chosen anew at every step."""
+
+from typing import Any
+
+import distrax
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+
+from hitmdp_jax.agents.base import static, traced
+from hitmdp_jax.agents.gradient_agent import GradientAgent
+from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEncoder
+
+INITIAL_OPTIONS = ("uniform", "first")
+
+
+def remember(memory: jax.Array, option: jax.Array, num_options: int, order: int) -> jax.Array:
+    """Return the memory of the last `order` options, as one number in base K, newest first.
+
+    Of order 1 it is the option itself; in general o_{t-1} + K o_{t-2} + K^2 o_{t-3} + ...
+    """
+    return (option + num_options * memory) % num_options**order
+
+
+class HitNetwork(nn.Module):
+    """Option embeddings W [K, E], the master policy, the action policy and the critic Q_O."""
+
+    action_size: int
+    num_options: int
+    embedding_size: int
+    hidden_sizes: tuple[int, ...]
+    activation: str
+    master_policy: str
+    similarity: jax.Array | float
+    initial_log_std: jax.Array | float
+    value_order: int
+
+    def setup(self):
+        """Declare the parts."""
+        self.embeddings = self.param(
+            "embeddings", nn.initializers.normal(1.0), (self.num_options, self.embedding_size)
+        )
+        self.encoder = OptionEncoder(self.master_policy, self.hidden_sizes, self.activation)
+        self.decoder = ActionDecoder(
+            self.action_size, self.hidden_sizes, self.activation, self.initial_log_std
+        )
+        self.critic = Critic(self.hidden_sizes, self.activation)
+
+    def __call__(self, obs: jax.Array) -> Any:
+        """Run every part once, which initialises it."""
+        option = jnp.zeros(obs.shape[:-1], jnp.int32)
+        return self.master(obs, option), self.action(obs, option), self.q(obs, option)
+
+    def master(self, obs: jax.Array, previous: jax.Array) -> jax.Array:
+        """Return log P(o | s, o_{t-1}) [..., K] for obs [..., O], previous [...]."""
+        logits = self.encoder(obs, previous, self.embeddings, jnp.asarray(self.similarity))
+        return jax.nn.log_softmax(logits)
+
+    def action(self, obs: jax.Array, option: jax.Array) -> distrax.MultivariateNormalDiag:
+        """Return P(a | s, o) over [..., A] for obs [..., O], option [...]."""
+        return self.decoder(obs, self.embeddings[option])
+
+    def q(self, obs: jax.Array, memory: jax.Array) -> jax.Array:
+        """Return Q_O[s, o_t] [...] for obs [..., O], memory [...] with o_t as its newest option."""
+        return self.critic(obs, jax.nn.one_hot(memory, self.num_options**self.value_order))
+
+    def every_action(self, obs: jax.Array) -> distrax.MultivariateNormalDiag:
+        """Return P(a | s, o) of each option, over [..., K, A], for obs [..., O]."""
+        return self.decoder(obs[..., None, :], self.embeddings)
+
+    def every_q(self, obs: jax.Array, memory: jax.Array) -> jax.Array:
+        """Return Q_O[s, o] of each option, [..., K], for memory [...] before the choice."""
+        every = jnp.arange(self.num_options)
+        after = remember(memory[..., None], every, self.num_options, self.value_order)
+        return self.q(obs[..., None, :], after)
+
+
+class HitPolicy(GradientAgent):
+    """An agent that draws o_t from P(o | s_t, o_{t-1}) and a_t from P(a | s_t, o_t) at every step.
+
+    Memory: the previous option o_{t-1}, an int. At an episode's start it is drawn uniformly, or is
+    option 0 ("first", Alg. 1 line 3), by which the master policy can tell an episode's start. With
+    `value_order` n > 1 the memory holds the last n options (`remember`), and the values depend on
+    all of them: the deep wide value functions of App. A. The policies see o_{t-1} alone. The record
+    is o_t.
+    """
+
+    similarity: float = traced(0.75)  # c, the weight of the similarity logits
+    initial_log_std: float = traced(-0.5, low=-10.0, high=10.0)
+    num_options: int = static(4)
+    embedding_size: int = static(40)
+    master_policy: str = static("similarity", MASTER_POLICIES)
+    initial_option: str = static("uniform", INITIAL_OPTIONS)
+    value_order: int = static(1)
+
+    def network(self, action_size: int) -> HitNetwork:
+        """Return the network for actions of this size."""
+        return HitNetwork(
+            action_size,
+            self.num_options,
+            self.embedding_size,
+            self.hidden_sizes,
+            self.activation,
+            self.master_policy,
+            self.similarity,
+            self.initial_log_std,
+            self.value_order,
+        )
+
+    def _apply(self, params: Any, method: str, *args: jax.Array) -> Any:
+        network = self.network(params["decoder"]["log_std"].size)
+        return network.apply({"params": params}, *args, method=method)
+
+    def option_log_probs(self, params: Any, obs: jax.Array, previous: jax.Array) -> jax.Array:
+        """Return log P(o | s, o_{t-1}) [..., K] for obs [..., O], previous [...]."""
+        return self._apply(params, "master", obs, previous)
+
+    def policy(self, params: Any, obs: jax.Array, option: jax.Array) -> Any:
+        """Return P(a | s, o), a distribution over [..., A], for obs [..., O], option [...]."""
+        return self._apply(params, "action", obs, option)
+
+    def every_policy(self, params: Any, obs: jax.Array) -> Any:
+        """Return P(a | s, o) of each option, a distribution over [..., K, A]."""
+        return self._apply(params, "every_action", obs)
+
+    def q(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
+        """Return Q_O[s, o_t] [...] for obs [..., O], memory [...] with o_t as its newest option."""
+        return self._apply(params, "q", obs, memory)
+
+    def every_q(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
+        """Return Q_O[s, o] of each option, [..., K], for memory [...] before the choice."""
+        return self._apply(params, "every_q", obs, memory)
+
+    def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> jax.Array:
+        """Return the previous options of an episode's start."""
+        if self.initial_option == "first":
+            return jnp.zeros(batch_shape, jnp.int32)
+        return jax.random.randint(key, batch_shape, 0, self.num_options**self.value_order)
+
+    def remember(self, memory: jax.Array, option: jax.Array) -> jax.Array:
+        """Return the memory after an option was taken."""
+        return remember(memory, option, self.num_options, self.value_order)
+
+    def previous_option(self, memory: jax.Array) -> jax.Array:
+        """Return o_{t-1}."""
+        return memory % self.num_options
+
+    def act(
+        self,
+        params: Any,
+        obs: jax.Array,
+        memory: jax.Array,
+        key: jax.Array,
+        deterministic: bool = False,
+    ) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Draw o_t and a_t; the deterministic policy takes the likeliest of each."""
+        key_option, key_action = jax.random.split(key)
+        log_option = self.option_log_probs(params, obs, self.previous_option(memory))
+        master: Any = distrax.Categorical(log_option)
+        option = master.mode() if deterministic else master.sample(seed=key_option)
+        policy = self.policy(params, obs, option)
+        action = policy.mode() if deterministic else policy.sample(seed=key_action)
+        return action, self.remember(memory, option), option
+
+    def option_of(self, record: jax.Array) -> jax.Array:
+        """Return the options that were executed."""
+        return record
+
+    def option_probs(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
+        """Return P(o_t | s_t, o_{t-1}) [..., K]."""
+        return jnp.exp(self.option_log_probs(params, obs, self.previous_option(memory)))

@@ -1,0 +1,94 @@
+"""The one vocabulary of metrics: what each name means, its unit, and how it is reduced."""
+
+import dataclasses
+import fnmatch
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+
+Metrics = dict[str, jax.Array]
+
+
+@dataclasses.dataclass(frozen=True)
+class Metric:
+    """A metric, or all that a pattern such as `*_kl` names.
+
+    "by episodes" is the mean weighted by the episodes that each value is a mean of. Where nothing
+    was measured a value is NaN, which no mean over seeds counts.
+    """
+
+    meaning: str
+    unit: str = ""
+    over_iterations: Literal["mean", "sum", "by episodes", "last"] = "mean"
+    over_seeds: Literal["mean", "sum"] = "mean"
+
+
+VOCABULARY: dict[str, Metric] = {
+    # Episodes.
+    "episodes": Metric("whole episodes that ended", "episodes", "sum", "sum"),
+    "episode_return": Metric(
+        "undiscounted reward of the whole episodes that ended, of the stochastic training policy",
+        "reward",
+        "by episodes",
+    ),
+    "episode_length": Metric("their length", "steps", "by episodes"),
+    "recent_return": Metric("mean return of a seed's last 100 episodes", "reward", "last"),
+    "recent_length": Metric("their mean length", "steps", "last"),
+    # The run.
+    "steps_per_second": Metric("environment steps of one seed a second", "1/s", "last", "sum"),
+    "diverged": Metric("1 once a seed's parameters are not finite", "seeds", "last", "sum"),
+    "unstable": Metric("steps in which the simulation was lost", "share of steps"),
+    # Options, [K].
+    "option_steps": Metric("steps that each option was followed", "steps", "sum", "sum"),
+    "option_activations": Metric("times that each option was taken up", "", "sum", "sum"),
+    # Policies.
+    "action_entropy": Metric("entropy of the action policy of the option followed", "nats"),
+    "option_entropy": Metric("entropy of P(o_t | s_t, o_{t-1})", "nats"),
+    "master_entropy": Metric("entropy of pi(o | s), who chooses where an option ends", "nats"),
+    "belief_entropy": Metric("entropy of P(o_t | s_0..s_t, a_0..a_{t-1})", "nats"),
+    "termination": Metric("mean beta_{o_t}(s_{t+1}), the probability to end", "probability"),
+    "information": Metric("mean I_t of the ELBO (HiT-MDP, Thm 4.1), unweighted", "nats"),
+    # Learning.
+    "*_kl": Metric("KL(old || new) of the policy of that name, over all minibatches", "nats"),
+    "*_clip_fraction": Metric("samples whose ratio left the clipping interval", "share of samples"),
+    "value": Metric("mean value of the states visited, V[s, o_{t-1}] with options", "return"),
+    "value_loss": Metric("half the squared error of the critic", "return^2"),
+    "q_loss": Metric("half the squared error of Q[s, o], where V is fitted as well", "return^2"),
+    "termination_loss": Metric("beta times the advantage of going on", "return"),
+}
+
+REWARD_TERM = Metric("a term of the task's reward, or whatever else the task reports", "reward")
+
+
+def describe(name: str) -> Metric:
+    """Return what a name means; a name outside the vocabulary is the task's own."""
+    if name in VOCABULARY:
+        return VOCABULARY[name]
+    patterns = (metric for key, metric in VOCABULARY.items() if fnmatch.fnmatchcase(name, key))
+    return next(patterns, REWARD_TERM)
+
+
+def over_iterations(stacked: Metrics) -> Metrics:
+    """Reduce metrics [iterations, ...] to one value each; pure, for use inside a program."""
+
+    def reduced(name: str, x: jax.Array) -> jax.Array:
+        how = describe(name).over_iterations
+        if how == "sum":
+            return x.sum(axis=0)
+        if how == "last":
+            return x[-1]
+        if how == "by episodes":
+            weight = stacked["episodes"]
+            return jnp.where(weight > 0, x * weight, 0.0).sum(axis=0) / weight.sum(axis=0)
+        return x.mean(axis=0)
+
+    return {name: reduced(name, x) for name, x in stacked.items()}
+
+
+def over_seeds(metrics: Metrics) -> Metrics:
+    """Reduce metrics [S, ...] to one value each."""
+    return {
+        name: x.sum(axis=0) if describe(name).over_seeds == "sum" else jnp.nanmean(x, axis=0)
+        for name, x in metrics.items()
+    }

@@ -1,0 +1,91 @@
+"""The vocabulary of metrics, and what becomes of them over iterations and seeds."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hitmdp_jax
+from hitmdp_jax.agents import AGENTS
+from hitmdp_jax.learning.metrics import (
+    REWARD_TERM,
+    VOCABULARY,
+    describe,
+    over_iterations,
+    over_seeds,
+)
+from tests.probes import PlaygroundTarget
+
+
+@pytest.mark.parametrize("name", sorted(AGENTS))
+def test_everything_an_agent_reports_has_a_meaning(name, key):
+    init, step = hitmdp_jax.make_train(
+        AGENTS[name](), PlaygroundTarget(), num_steps=128, num_envs=8, rollout_length=8
+    )
+    metrics = jax.eval_shape(step, jax.eval_shape(init, key))[1]
+    unknown = {metric for metric in metrics if describe(metric) is REWARD_TERM}
+    assert unknown == {"reward/near"}
+
+
+def test_every_entry_is_told_apart():
+    meanings = [metric.meaning for metric in VOCABULARY.values()]
+    assert len(set(meanings)) == len(meanings)
+
+
+def test_patterns_and_names():
+    assert describe("option_kl") is describe("action_kl") is VOCABULARY["*_kl"]
+    assert describe("reward_forward") is REWARD_TERM
+
+
+@pytest.fixture
+def stacked():
+    return {
+        "episodes": jnp.array([2.0, 0.0, 1.0]),
+        "episode_return": jnp.array([10.0, jnp.nan, 40.0]),
+        "option_steps": jnp.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]),
+        "unstable": jnp.array([0.0, 0.3, 0.0]),
+        "recent_return": jnp.array([1.0, 2.0, 3.0]),
+        "option_kl": jnp.array([0.1, 0.2, 0.6]),
+        "reward_forward": jnp.array([1.0, 2.0, 6.0]),
+    }
+
+
+def test_iterations_are_reduced_by_kind(stacked):
+    reduced = jax.jit(over_iterations)(stacked)
+    expected = {
+        "episodes": 3.0,
+        "episode_return": 20.0,  # (2 * 10 + 1 * 40) / 3
+        "option_steps": [9.0, 12.0],
+        "unstable": 0.1,
+        "recent_return": 3.0,
+        "option_kl": 0.3,
+        "reward_forward": 3.0,
+    }
+    assert reduced.keys() == expected.keys()
+    for name, value in expected.items():
+        np.testing.assert_allclose(reduced[name], value, rtol=1e-6, err_msg=name)
+
+
+def test_no_episodes_have_no_return(stacked):
+    assert np.isnan(over_iterations(stacked | {"episodes": jnp.zeros(3)})["episode_return"])
+
+
+def test_seeds_are_averaged_and_counts_added():
+    reduced = over_seeds(
+        {
+            "episodes": jnp.array([2.0, 0.0]),
+            "episode_return": jnp.array([10.0, jnp.nan]),
+            "steps_per_second": jnp.array([50.0, 50.0]),
+            "option_steps": jnp.array([[1.0, 2.0], [3.0, 4.0]]),
+            "diverged": jnp.array([1.0, 0.0]),
+        }
+    )
+    expected = {
+        "episodes": 2.0,
+        "episode_return": 10.0,
+        "steps_per_second": 100.0,
+        "option_steps": [4.0, 6.0],
+        "diverged": 1.0,
+    }
+    for name, value in expected.items():
+        np.testing.assert_allclose(reduced[name], value, err_msg=name)
