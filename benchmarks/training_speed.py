@@ -13,18 +13,18 @@ import time
 from pathlib import Path
 from typing import Any
 
-import hydra
 import jax
-from omegaconf import OmegaConf
 
 from hitmdp_jax.agents import Agent
+from hitmdp_jax.commands.settings import Settings
 from hitmdp_jax.envs.physics.speed import native_speed
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.learning.rollout import collect
+from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.host import set_up_host
-from hitmdp_jax.training.loop import make_task, programs, seed_keys
-from hitmdp_jax.training.sweep import devices_for, place, sweep
+from hitmdp_jax.training.run import Run
+from hitmdp_jax.training.sweep import sweep
 
 ROWS = (  # algo, physics, seeds
     ("mopg", "native", 1),
@@ -39,30 +39,23 @@ ROWS = (  # algo, physics, seeds
     ("iopg", "native", 1),
     ("oc", "native", 1),
 )
-CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 
 
 def settings(algo: str, physics: str, seeds: int) -> RunConfig:
     """Return the default settings of a HalfCheetah run."""
     overrides = ["env=halfcheetah", f"algo={algo}", f"physics={physics}", f"seeds={seeds}"]
-    with hydra.initialize_config_dir(str(CONFIGS), version_base="1.3"):
-        composed = OmegaConf.to_container(hydra.compose("config", overrides=overrides))
-    assert isinstance(composed, dict)
-    return RunConfig.from_mapping(
-        {str(name): x for name, x in composed.items() if name not in ("resume", "run_dir")}
-    )
+    return Settings(overrides).config()
 
 
 def measure(algo: str, physics: str, seeds: int, seconds: float) -> dict[str, float]:
     """Time whole iterations, then rollout and update apart, of one configuration."""
     config = settings(algo, physics, seeds)
-    devices = devices_for(seeds)
-    env = make_task(config, config.env, len(devices))
-    agent = config.make_agent()
-    init, step = programs(config, agent, env, devices)
+    run = Run.create(config)
+    env, agent, devices = run.envs[0], run.agent, run.devices
+    init, step = run.programs(0)
 
     start = time.perf_counter()
-    state = init(place(seed_keys(config), devices))
+    state = run.begin(0, Progress(0, 0, None), init)
     state, _ = jax.block_until_ready(step(state))
     first = time.perf_counter() - start
 

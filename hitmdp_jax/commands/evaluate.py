@@ -93,7 +93,7 @@ def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:
     path = run_dir / "evaluations.csv"
     new = not path.exists()
     with path.open("a", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
+        writer = csv.DictWriter[str](file, COLUMNS)
         if new:
             writer.writeheader()
         writer.writerows(rows)

@@ -144,15 +144,14 @@ class Checkpoints:
         if which == "newest":
             return self._newest(read)
         steps = self._manager.all_steps()
-        iteration = self._manager.best_step() if which == "best" else which
-        if which == "best" and iteration is None:
-            iteration = max(steps, default=None)
-        if iteration not in steps:
+        best = self._manager.best_step() or max(steps, default=None)
+        iteration = best if which == "best" else which
+        if not isinstance(iteration, int) or iteration not in steps:
             raise UsageError(
                 f"'{self.folder}' holds no checkpoint {which}; it holds "
                 f"{', '.join(map(str, steps)) or 'none'}, and 'newest' and 'best' name one of them."
             )
-        return read(int(iteration))
+        return read(iteration)
 
     def close(self) -> None:
         """Wait until everything is written."""

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import jax
 import numpy as np
@@ -31,8 +31,15 @@ SPEED_WINDOW = 11  # reports whose times make up the speed shown
 class Hook(Protocol):
     """Something to do every so often with what was learned so far: an evaluation, a video."""
 
-    names: tuple[str, ...]  # of the metrics it adds to the report
-    every: int  # environment steps of a seed between two calls
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The metrics that it adds to the report."""
+        ...
+
+    @property
+    def every(self) -> int:
+        """Environment steps of a seed between two calls."""
+        ...
 
     def __call__(self, run: Run, progress: Progress) -> Values:
         """Return metrics [S] by name."""
@@ -132,7 +139,7 @@ class Reporter:
 
     def __init__(self, run: Run, sinks: Sinks, hooks: Sequence[Hook]):
         self._run, self._sinks, self._hooks = run, sinks, hooks
-        self._pending: tuple[int, Metrics | Values] | None = None
+        self._pending: tuple[int, dict[str, Any]] | None = None
         # Single reports come in bunches where the device runs ahead; a window's speed is steady.
         self._times = deque([time.perf_counter()], maxlen=SPEED_WINDOW)
         self.recent_return = float("nan")  # the mean over seeds, of the last report
@@ -173,7 +180,9 @@ def outcome(run: Run, progress: Progress, stop: StopRequest, checkpoints: Checkp
         env_steps=config.steps_after(progress.iteration),
         finished=progress.iteration >= config.last_iteration,
         signum=stop.signum,
-        diverged={config.seed + i: (int(at[i]), CAUSES[int(cause[i])]) for i in np.flatnonzero(at)},
+        diverged={
+            config.seed + int(i): (int(at[i]), CAUSES[int(cause[i])]) for i in np.flatnonzero(at)
+        },
         failure=checkpoints.failure,
     )
 

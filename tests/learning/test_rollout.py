@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hitmdp_jax.envs.vector import VectorEnv
 
+from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.learning.normalization import initial_statistics, normalize, update_statistics
 from hitmdp_jax.learning.rollout import RolloutState, collect
 from tests.probes import Counter
