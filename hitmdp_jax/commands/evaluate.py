@@ -20,7 +20,7 @@ from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.policy import Policy, load_all
 from hitmdp_jax.training.run import Run
 
-COLUMNS = (
+COLUMNS: tuple[str, ...] = (
     "iteration", "seed", "engine", "episodes", "deterministic",
     "return", "std", "min", "max", "std_error", "length",
 )  # fmt: skip
@@ -93,7 +93,7 @@ def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:
     path = run_dir / "evaluations.csv"
     new = not path.exists()
     with path.open("a", newline="") as file:
-        writer = csv.DictWriter[str](file, COLUMNS)
+        writer = csv.DictWriter(file, list(COLUMNS))
         if new:
             writer.writeheader()
         writer.writerows(rows)

@@ -33,7 +33,7 @@ def configs() -> Path:
 def guarded(command: Callable[[], int | None]) -> None:
     """Run a command line: one sentence and exit code 2 where its user or the disk is at fault."""
     try:
-        sys.exit(command() or 0)
+        code = command()
     except UsageError as error:
         exit_with(error)
     except BrokenPipeError:
@@ -43,6 +43,8 @@ def guarded(command: Callable[[], int | None]) -> None:
         if error.filename is None:
             raise  # not a file's fault
         exit_with(UsageError(f"'{error.filename}' cannot be used: {error.strerror}."))
+    if code:
+        sys.exit(code)
 
 
 class Settings:

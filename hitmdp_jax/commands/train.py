@@ -44,6 +44,7 @@ def main() -> None:
             overrides = [*overrides, f"hydra.sweep.dir={_sweep_folder(settings)}"]
         elif not flags:
             guarded(lambda: train(settings.values(), [o.split("=")[0] for o in overrides]))
+            return
     except UsageError as error:
         exit_with(error)
 

@@ -212,11 +212,11 @@ def test_a_sweep_checks_every_job_first_and_resumes(command, tmp_path):
     right = command("train", *arguments, "algo.learning_rate=1e-4,1e-3")
     assert right.returncode == 0, right.stderr
     folders = {p.name for p in (tmp_path / "sweep").iterdir() if p.is_dir()}
-    assert folders == {"algo.learning_rate=1e-4", "algo.learning_rate=1e-3"}
-    assert "job 2: algo.learning_rate=1e-3" in right.stdout
+    assert folders == {"algo.learning_rate=0.0001", "algo.learning_rate=0.001"}
+    assert "job 2: algo.learning_rate=0.001" in right.stdout
     again = command("train", *arguments, "algo.learning_rate=1e-4,1e-3,3e-3")
     assert again.stdout.count("is finished") == 2
-    assert (tmp_path / "sweep" / "algo.learning_rate=3e-3" / "metrics.csv").exists()
+    assert (tmp_path / "sweep" / "algo.learning_rate=0.003" / "metrics.csv").exists()
 
 
 def test_own_task_and_algorithm_train_resume_evaluate_and_load(command, tmp_path):
