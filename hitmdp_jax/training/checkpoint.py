@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import orbax.checkpoint as ocp
 from brax.training.acme.running_statistics import NestedMeanStd
@@ -243,7 +242,7 @@ def _with_raw_keys(state: TrainState) -> TrainState:
 
 
 def _finite(tree: Any) -> bool:
-    return all(bool(jnp.isfinite(x).all()) for x in jax.tree.leaves(tree))
+    return all(np.isfinite(x).all() for x in jax.device_get(jax.tree.leaves(tree)))
 
 
 def _score(metrics: Any) -> float:

@@ -123,7 +123,8 @@ def _check_fit(policy: Policy, config: RunConfig, run_dir: Path) -> None:
         jax.eval_shape(lambda *args: fits.append(same_shapes(*args)), *shapes, jax.random.key(0))
     if fits != [True] or seeds != config.seeds:
         raise UsageError(
-            f"The checkpoint in '{run_dir}' does not fit the algorithm and seeds of its config.yaml."
+            f"The checkpoint in '{run_dir}' does not fit the algorithm and seeds that its "
+            "config.yaml names."
         )
 
 

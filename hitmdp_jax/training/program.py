@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from brax.envs.base import Env
 from brax.training.acme.running_statistics import RunningStatisticsState
 from flax import struct
+from jax.flatten_util import ravel_pytree
 
 from hitmdp_jax.agents.base import Agent, LearnerState, check_hyperparameters
 from hitmdp_jax.envs.vector import Step, VectorEnv
@@ -196,33 +197,32 @@ class Program:
 def freeze_diverged(
     old: TrainState, new: TrainState, metrics: Metrics, reward: jax.Array
 ) -> tuple[TrainState, Metrics]:
-    """Keep the last finite state of a run that is no longer finite; its metrics are NaN from then.
+    """Keep what a run had learned when it is no longer finite; its metrics are NaN from then on.
 
     A NaN would stay in the parameters for ever, and take what was learned with it. Nothing is
     shared between the runs of a sweep, so the others go on as they would alone.
     """
     losses = [x for name, x in metrics.items() if name.endswith("loss")]
-    parts = ([reward], losses, jax.tree.leaves(new.learner.params))
-    finite = jnp.stack([_all_finite(part) for part in parts])
-    cause = jnp.where(finite.all(), 0, 1 + jnp.argmin(finite))  # the first of them
-    healthy = (old.diverged == 0) & finite.all()
-    kept = jax.tree.map(lambda a, b: jnp.where(healthy, a, b), new, old)
+    parts = (reward, losses, new.learner.params)
+    finite = jnp.stack([jnp.isfinite(ravel_pytree(part)[0]).all() for part in parts])
+    lost = (old.diverged > 0) | ~finite.all()
     first = (old.diverged == 0) & ~finite.all()
-    kept = kept.replace(
-        iteration=new.iteration,
+
+    def keep(before: Any, after: Any) -> Any:
+        return jax.tree.map(lambda a, b: jnp.where(lost, a, b), before, after)
+
+    state = new.replace(
+        learner=keep(old.learner, new.learner),
+        normalizer=keep(old.normalizer, new.normalizer),
         diverged=jnp.where(first, new.iteration, old.diverged),
-        cause=jnp.where(first, cause, old.cause).astype(jnp.int32),
+        cause=jnp.where(first, 1 + jnp.argmin(finite), old.cause).astype(jnp.int32),
     )
 
     def nothing(name: str, x: jax.Array) -> jax.Array:
         return jnp.zeros_like(x) if describe(name).over_iterations == "sum" else x * jnp.nan
 
-    told = {name: jnp.where(healthy, x, nothing(name, x)) for name, x in metrics.items()}
-    return kept, told | {"diverged": ~healthy}
-
-
-def _all_finite(leaves: list[jax.Array]) -> jax.Array:
-    return jnp.stack([jnp.isfinite(x).all() for x in leaves] or [jnp.ones((), bool)]).all()
+    told = {name: jnp.where(lost, nothing(name, x), x) for name, x in metrics.items()}
+    return state, told | {"diverged": lost}
 
 
 def train(
