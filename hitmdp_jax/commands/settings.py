@@ -1,9 +1,11 @@
 """How every command line reads settings, and how it says what is wrong with them."""
 
 import itertools
+import logging
 import os
 import re
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,6 +34,8 @@ def configs() -> Path:
 
 def guarded(command: Callable[[], int | None]) -> None:
     """Run a command line: one sentence and exit code 2 where its user or the disk is at fault."""
+    threading.excepthook = _say_in_a_line
+    logging.getLogger("absl").setLevel(logging.CRITICAL)  # what Orbax logs, `Checkpoints` says
     try:
         code = command()
     except UsageError as error:
@@ -45,6 +49,14 @@ def guarded(command: Callable[[], int | None]) -> None:
         exit_with(UsageError(f"'{error.filename}' cannot be used: {error.strerror}."))
     if code:
         sys.exit(code)
+
+
+def _say_in_a_line(args: threading.ExceptHookArgs) -> None:
+    """Report what ended a thread that writes in the background: a full disk needs no traceback."""
+    if isinstance(args.exc_value, OSError):
+        print(f"warning: {args.exc_value}", file=sys.stderr)
+    else:
+        threading.__excepthook__(args)
 
 
 class Settings:

@@ -127,7 +127,10 @@ def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
     print(f"{where if outcome.signum else 'Saved'} in {run_dir}.")
     if outcome.failure:
         raise UsageError(f"The last state is not saved: {outcome.failure}")
-    draw_figures(run_dir, config.title, config.switch_at)
+    try:
+        draw_figures(run_dir, config.title, config.switch_at)
+    except OSError as error:
+        print(f"warning: the figures could not be written: {error.strerror}", file=sys.stderr)
     for seed, (iteration, cause) in outcome.diverged.items():
         print(
             f"seed {seed} diverged at iteration {iteration}: its {cause} were no longer finite; it "

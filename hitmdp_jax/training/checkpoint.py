@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import shutil
 import sys
 import time
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from hitmdp_jax.training.program import TrainState
 SCHEMA = 1  # of a checkpoint; raised where an older package would misread it
 STATE, POLICY, PROGRESS = "state", "policy", "progress"  # the items of a checkpoint
 KEPT = 3  # the newest checkpoints; the best one is kept beside them
+MARGIN = 2**20  # bytes of a checkpoint beside its arrays, at most, and of metrics meanwhile
 INTERVAL = 120.0  # seconds after which a run saves, however few steps it made
 
 
@@ -62,6 +64,7 @@ class Checkpoints:
         }
         self._manager = ocp.CheckpointManager(self.folder, options=options, item_handlers=handlers)
         self._last_save = time.monotonic()
+        self._wanted = -1  # the iteration that was saved last, or should have been
         self.failure: str | None = None  # why the newest state is not saved
 
     def due(self) -> bool:
@@ -95,12 +98,19 @@ class Checkpoints:
                 PROGRESS: ocp.args.JsonSave(words),  # pyright: ignore
             }
         )
-        self._last_save = time.monotonic()
-        self._attempt(
-            lambda: self._manager.save(
+        self._last_save, self._wanted = time.monotonic(), iteration
+
+        def write() -> None:
+            # Orbax's own threads report a disk that fills up under them in hundreds of lines.
+            needed = 2 * _size(state) + MARGIN
+            free = shutil.disk_usage(self.folder).free
+            if free < needed:
+                raise OSError(f"no space left: {free:,} bytes are free, {needed:,} are needed")
+            self._manager.save(
                 iteration, args=items, metrics={"recent_return": words["recent_return"]}
             )
-        )
+
+        self._attempt(write)
 
     def restore(self, like: Callable[[int], TrainState]) -> Progress:
         """Return the newest checkpoint that can be read, on the first device.
@@ -155,6 +165,8 @@ class Checkpoints:
     def close(self) -> None:
         """Wait until everything is written."""
         self._attempt(self._manager.wait_until_finished)
+        if self._wanted in self._manager.all_steps():
+            self.failure = None  # what failed before has been made up for
         self._attempt(self._manager.close)
 
     def _newest(self, read: Callable[[int], Any]) -> Any:
@@ -211,7 +223,6 @@ class Checkpoints:
     def _attempt(self, action: Callable[[], Any]) -> None:
         try:
             action()
-            self.failure = None
         except Exception as error:  # Orbax and TensorStore raise many kinds where a disk is full
             reason = str(error).strip().splitlines() or [type(error).__name__]
             if self.failure is None:
@@ -239,6 +250,10 @@ def normalizer_of(policy: dict[str, Any]) -> NestedMeanStd:
 
 def _with_raw_keys(state: TrainState) -> TrainState:
     return state.replace(key=jax.random.key_data(state.key))
+
+
+def _size(state: TrainState) -> int:
+    return sum(x.nbytes for x in jax.tree.leaves(_with_raw_keys(state)))
 
 
 def _finite(tree: Any) -> bool:

@@ -1,6 +1,8 @@
 """TensorBoard events: the mean over seeds of every metric, and its deviation."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from tensorboardX import SummaryWriter
@@ -35,4 +37,10 @@ class TensorboardSink:
 
     def close(self) -> None:
         """Flush the events."""
-        self._events.close()
+        try:
+            self._events.close()
+        except OSError:
+            # The writer tries once more when Python ends, and would say so at length.
+            writer: Any = self._events.file_writer
+            writer.event_writer = SimpleNamespace(close=lambda: None)
+            raise
