@@ -1,15 +1,18 @@
 """`python -m hitmdp_jax.reproduce` as a user runs it."""
 
+import signal
 import sys
 
 import jax
 import pytest
 
-from hitmdp_jax import reproduce
+from hitmdp_jax.commands import reproduce
+from hitmdp_jax.training.checkpoint import saved_iterations
+from tests.commands.conftest import rows_of, wait_for_rows
 
 
 @pytest.fixture
-def command(monkeypatch):
+def reproduced(monkeypatch):
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["reproduce", *map(str, arguments)])
         reproduce.main()
@@ -17,8 +20,8 @@ def command(monkeypatch):
     return run
 
 
-def test_theory_writes_its_figures(command, tmp_path):
-    command("theory", "seed=1", f"run_dir={tmp_path / 'theory'}")
+def test_theory_writes_its_figures(reproduced, tmp_path):
+    reproduced("theory", "seed=1", f"run_dir={tmp_path / 'theory'}")
     written = {path.name: path.stat().st_size for path in (tmp_path / "theory").iterdir()}
     assert set(written) == {"contraction.png", "variance.png"}
     assert all(10_000 < size < 150_000 for size in written.values())
@@ -36,10 +39,59 @@ def test_theory_writes_its_figures(command, tmp_path):
         (["theory", f"run_dir={__file__}"], f"run_dir = {__file__} cannot be made"),
     ],
 )
-def test_bad_input_is_explained(command, capsys, arguments, sentence):
+def test_bad_input_is_explained(reproduced, capsys, arguments, sentence):
     with pytest.raises(SystemExit) as stopped:
-        command(*arguments)
+        reproduced(*arguments)
     assert stopped.value.code == 2
     errors = capsys.readouterr().err
     assert errors.startswith(f"error: {sentence}")
     assert errors.count("\n") == 1
+
+
+@pytest.fixture(scope="module")
+def compared(command, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("compare") / "both"
+    settings = [*COMPARE, f"run_dir={folder}"]
+    result = command("reproduce", *settings)
+    assert result.returncode == 0, result.stderr
+    return folder, settings, result
+
+
+COMPARE = ("compare", "algos=ppo", "env=invertedpendulum", "physics=native", "total_steps=4096")
+
+
+def test_a_comparison_writes_a_table_and_a_figure(compared):
+    folder, _, result = compared
+    assert {p.name for p in folder.iterdir()} >= {"ppo", "comparison.md", "comparison.csv"}
+    assert (folder / "comparison.png").stat().st_size > 10_000
+    assert "IQM" in result.stdout
+
+
+def test_a_finished_comparison_trains_nothing_again(compared, command):
+    folder, settings, _ = compared
+    before = (folder / "ppo" / "metrics.csv").read_bytes()
+    again = command("reproduce", *settings)
+    assert again.returncode == 0, again.stderr
+    assert f"ppo: taken from {folder / 'ppo'}" in again.stdout
+    assert (folder / "ppo" / "metrics.csv").read_bytes() == before
+
+
+def test_a_run_of_other_settings_is_not_taken_for_this_one(compared, command):
+    _, settings, _ = compared
+    other = command("reproduce", *settings, "algo.gamma=0.9")
+    assert other.returncode == 2
+    assert "holds a run with other settings (algo.gamma: 0.9 here, 0.99 there)" in other.stderr
+
+
+def test_ctrl_c_reaches_the_training_which_saves_and_goes_on_later(start, command, tmp_path):
+    folder = tmp_path / "both"
+    settings = (*COMPARE[:-1], "total_steps=400_000", f"run_dir={folder}")
+    process = start("reproduce", *settings)
+    wait_for_rows(process, folder / "ppo", 3)
+    process.send_signal(signal.SIGINT)
+    out, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert f"The same command with run_dir={folder} goes on" in out
+    (saved,) = saved_iterations(folder / "ppo")
+    rows = rows_of(folder / "ppo")
+    assert int(rows[-1]["iteration"]) == saved

@@ -1,0 +1,46 @@
+"""`python -m hitmdp_jax.evaluate` as a user runs it."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from hitmdp_jax.commands import evaluate
+from tests.commands.conftest import rows_of
+
+
+@pytest.fixture
+def evaluated(monkeypatch, capsys):
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["evaluate", *map(str, arguments)])
+        evaluate.main()
+        return capsys.readouterr().out
+
+    return run
+
+
+@pytest.fixture
+def run_dir(finished, tmp_path):
+    return shutil.copytree(finished[0], tmp_path / "run")
+
+
+def test_every_seed_is_scored_printed_and_written(evaluated, run_dir):
+    before = len(rows_of(run_dir, "evaluations.csv"))
+    rows = json.loads(evaluated(run_dir, "--episodes", "3", "--json"))
+    assert [(row["seed"], row["episodes"], row["iteration"]) for row in rows] == [
+        (3, 3, 4), (4, 3, 4)
+    ]  # fmt: skip
+    written = rows_of(run_dir, "evaluations.csv")[before:]
+    np.testing.assert_allclose(
+        [float(row["return"]) for row in written], [row["return"] for row in rows]
+    )
+
+
+def test_one_seed_of_one_checkpoint_in_gymnasium(evaluated, run_dir):
+    arguments = ("--episodes", "1", "--seed", "4", "--engine", "gymnasium", "--checkpoint", "4")
+    out = evaluated(run_dir, *arguments, "--deterministic")
+    assert "gymnasium" in out
+    assert "-" in out  # one episode has no standard error
+    (row,) = rows_of(run_dir, "evaluations.csv")[-1:]
+    assert (row["engine"], row["deterministic"], row["std_error"]) == ("gymnasium", "True", "")
