@@ -88,10 +88,15 @@ def check_sizes(agent: Agent, num_steps: Any, num_envs: Any, rollout_length: Any
     """
     sizes = {"num_steps": num_steps, "num_envs": num_envs, "rollout_length": rollout_length}
     for name, size in sizes.items():
-        if not isinstance(size, int) or isinstance(size, bool) or size < 1:
-            raise out_of_domain(name, size, "a positive whole number")
+        check_size(name, size)
     spelled = f"rollout_length * num_envs = {rollout_length} * {num_envs}"
     agent.check_batch(rollout_length * num_envs, spelled)
+
+
+def check_size(name: str, size: Any) -> None:
+    """Raise UsageError where a size is not a positive whole number."""
+    if not isinstance(size, int) or isinstance(size, bool) or size < 1:
+        raise out_of_domain(name, size, "a positive whole number")
 
 
 def make_train(
@@ -125,10 +130,13 @@ def make_train(
       UsageError: a size is not positive or does not divide, a hyperparameter is out of range, or an
         observation is not one array.
     """
-    if isinstance(agent, type):
-        raise UsageError(f"agent is the class {agent.__name__}: pass an agent, {agent.__name__}().")
     check_hyperparameters(agent)
     check_sizes(agent, num_steps, num_envs, rollout_length)
+    for name, size in (("episode_length", episode_length), ("reset_pool_size", reset_pool_size)):
+        if size is not None:
+            check_size(name, size)
+    if isinstance(env, type) or not (hasattr(env, "reset") and hasattr(env, "step")):
+        raise UsageError(f"env = {env!r} is no environment: make one, such as make_env('hopper').")
     if not isinstance(env.observation_size, int):
         raise UsageError(
             "The environment observes several arrays, and a policy reads one: "
@@ -256,6 +264,8 @@ def train(
     """
     sizes = {"num_steps": num_steps, "num_envs": num_envs, "rollout_length": rollout_length}
     init, step = make_train(agent, env, **sizes, **options)
+    if not hasattr(key, "dtype"):
+        raise out_of_domain("key", key, "a key, such as jax.random.key(0)")
     iterations = num_iterations(**sizes)
     return jax.lax.scan(lambda state, _: step(state), init(key), length=iterations)
 
