@@ -7,6 +7,7 @@ process, in a folder whose files must all be as before; a row that would train f
 import functools
 import shutil
 import sys
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +24,6 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training import loop
 from hitmdp_jax.training.checkpoint import Checkpoints, Progress
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.run import Run
 from tests.probes import Target
 
 TRAIN = [
@@ -128,7 +128,7 @@ TRAIN = [
     ("algo.activation=[relu]", "Unknown activation"),
     ("algo.master_policy=simple", "Unknown master_policy 'simple'"),
     ("algo.mutual_information=all", "Unknown mutual_information 'all'"),
-    ("algo.bootstrap_on_truncation=yes!", "must be true or false"),
+    ("algo.bootstrap_on_truncation=maybe", "must be true or false"),
     ("algo.similarity=", "algo.similarity =  must be a number"),
     ("algo=[ppo]", "Unknown algo"),
     # A task's keywords
@@ -136,7 +136,7 @@ TRAIN = [
     ("env.reset_noise_scale=-3", "reset_noise_scale = -3 must be a finite number from 0"),
     ("env=hopper env.healthy_z_range=[2,1]", "two numbers, the lower first"),
     ("env=brax/ant env.backend=cuda", "cuda"),
-    ("env=brax/ant +env.backend=cuda", "Unknown backend 'cuda'"),
+    ("env=brax/ant +env.backend=cuda", "Could not append"),
     # Folders
     ("run_dir=", "run_dir = '' names no folder"),
     ("run_dir=[a]", "run_dir = ['a'] names no folder"),
@@ -168,7 +168,7 @@ TRAIN = [
     ("resume=garbage", "No checkpoint in"),
     ("resume=misfit", "does not fit its config.yaml"),
     # Own files
-    ("env=missing.py:Task", "'missing.py' here"),
+    ("env=missing.py:Task", "names no file"),
     ("env=own.py:Missing", "Unknown class of"),
     ("env=own.py:", "Unknown class of"),
     ("env=own.py", "Unknown environment 'own.py'"),
@@ -177,21 +177,23 @@ TRAIN = [
     ("env=own.py:Plain", "makes no environment"),
     ("env=own.py:Task env.colour=red", "Unknown keyword of own.Task 'colour'"),
     ("env=own.py:Task env.size=big", "size = big must be a whole number"),
-    ("env=empty:Task", "is not of the form"),
-    ("algo=missing.py:Algo", "'missing.py' here"),
+    ("env=empty:Task", "Unknown environment 'empty:Task'"),
+    ("algo=missing.py:Algo", "names no file"),
     ("algo=own.py:Plain", "is no algorithm"),
-    ("algo=own.py:Abstract", "Abstract"),
+    ("algo=own.py:Abstract", "is abstract: it still needs act, init, update"),
+    ("env=own.py:AbstractTask", "is abstract: it still needs"),
+    ("+env.physics=native", "Unknown keyword of halfcheetah 'physics'"),
     ("algo=own.py:Algo algo.colour=red", "Unknown hyperparameter of own.Algo 'colour'"),
     # Sweeps: no job starts
     ("-m algo.learning_rate=1e-4,abc", "algo.learning_rate = abc must be a number"),
     ("-m env=toy/turkey,halfchetah", "did you mean 'halfcheetah'?"),
     ("-m seed=0,-1", "seed = -1 must be a whole number"),
-    ("-m num_envs=16,7", "is not divisible by minibatch_size"),
+    ("-m num_envs=16,3 rollout_length=100", "is not divisible by minibatch_size"),
     ("-m run_dir=a,b", "cannot be swept"),
     ("-m seed=0,1 run_dir=", "run_dir = '' names no folder"),
     ("-m seed=0,1 run_dir=notes.txt", "notes.txt"),
     ("-m seed=0,1 env=brax/ant physics=native", "physics must stay at its default"),
-    ("-m resume=run,nowhere", "resume"),
+    ("-m resume=run,nowhere", "leave -m out"),
     ("-m colour=red,blue", "Unknown setting 'colour'"),
 ]  # fmt: skip
 
@@ -414,7 +416,7 @@ PYTHON = {
     "replace by a bad value": (lambda: PPO().replace(gamma=np.inf), "gamma = inf must be a number"),
     "replace of nothing": (lambda: PPO().replace(gama=0.9), "did you mean 'gamma'?"),
     "load nowhere": (lambda: hitmdp_jax.load("nowhere"), "'nowhere' is not a run's folder"),
-    "load ''": (lambda: hitmdp_jax.load(""), "is not a run's folder"),
+    "load ''": (lambda: hitmdp_jax.load(""), "run_dir = ''"),
     "load None": (lambda: hitmdp_jax.load(None), "run_dir = None"),
     "load seed": (lambda: hitmdp_jax.load("run", seed=99), "seed = 99 is not in the run"),
     "load seed word": (lambda: hitmdp_jax.load("run", seed="a"), "seed = a is not in the run"),
@@ -452,11 +454,11 @@ PYTHON = {
     "score words": (lambda: scored(episodes="a"), "episodes = a must be"),
     "score a run of no task": (
         lambda: score(
-            hitmdp_jax.load("from_python"), RunConfig.load("from_python"), "mjx", 1, None
+            hitmdp_jax.load("from_python"), RunConfig.load(Path("from_python")), "mjx", 1, None
         ),
         "names no task",
     ),
-    "read settings of nowhere": (lambda: RunConfig.load("nowhere"), "is not a run's folder"),
+    "read settings of nowhere": (lambda: RunConfig.load(Path("nowhere")), "is not a run's folder"),
     "settings without a name": (
         lambda: RunConfig.from_mapping({"algo": {}}),
         "algo = {} must hold a name",
@@ -484,7 +486,7 @@ def act(obs):
 
 def scored(engine="mjx", episodes=1):
     return score(
-        hitmdp_jax.load("run"), RunConfig.load("run"), engine, episodes, jax.random.key(0)
+        hitmdp_jax.load("run"), RunConfig.load(Path("run")), engine, episodes, jax.random.key(0)
     )
 
 
@@ -498,6 +500,9 @@ class Plain:
     pass
 class Task(Env):
     def __init__(self, size=1): ...
+    reset = step = observation_size = action_size = backend = None
+class AbstractTask(Env):
+    pass
 class Abstract(Agent):
     pass
 class Algo(PPO):
@@ -538,8 +543,8 @@ def workspace(tmp_path_factory):
         if path.is_file():
             path.write_bytes(path.read_bytes()[:10])
     shutil.rmtree(with_checkpoint("garbage") / "2")
-    (folder / "garbage" / "checkpoints" / "7").mkdir()
-    (folder / "garbage" / "checkpoints" / "7" / "junk").write_text("junk")
+    (folder / "garbage" / "checkpoints" / "3").mkdir()
+    (folder / "garbage" / "checkpoints" / "3" / "junk").write_text("junk")
     shutil.rmtree(with_checkpoint("stray") / "2")
     (folder / "stray" / "checkpoints" / "notes").mkdir()
     with_checkpoint("misfit", algo={"name": "ppo", "hidden_sizes": [32]})
