@@ -2,6 +2,7 @@
 
 import functools
 import importlib.util
+import inspect
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -35,7 +36,7 @@ def load_class(name: str) -> type[Any]:
     Errors that the file itself raises are the author's to see, traceback and all.
 
     Raises:
-      UsageError: there is no such file, or no such class in it.
+      UsageError: there is no such file, or no such class in it, or the class is abstract.
     """
     path, _, class_name = name.rpartition(":")
     file = Path(path).expanduser()
@@ -49,6 +50,9 @@ def load_class(name: str) -> type[Any]:
         ]
         classes = [n for n in own if isinstance(getattr(module, n), type)]
         raise unknown_name(f"class of {path}", class_name, classes)
+    if inspect.isabstract(found):
+        missing = ", ".join(sorted(found.__abstractmethods__))
+        raise UsageError(f"'{name}' is abstract: it still needs {missing}.")
     return found
 
 

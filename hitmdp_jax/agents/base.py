@@ -30,6 +30,8 @@ def check_hyperparameters(agent: Any) -> None:
     Raises:
       UsageError: naming the field, its value and what is valid.
     """
+    if isinstance(agent, type):
+        raise UsageError(f"agent is the class {agent.__name__}: pass an agent, {agent.__name__}().")
     if not isinstance(agent, Agent):
         raise UsageError(f"{agent!r} is not an agent; make one, for example agents.MOPG().")
     for field in dataclasses.fields(agent):
@@ -101,6 +103,14 @@ class Agent(abc.ABC):
         super().__init_subclass__(**kwargs)
         dataclasses.dataclass(frozen=True)(cls)
         _register(cls)
+
+    def __new__(cls, *args: Any, **hyperparameters: Any) -> Self:
+        """Check the names, which `__init__` would not explain."""
+        fields = [field.name for field in dataclasses.fields(cls)]
+        for name in hyperparameters:
+            if name not in fields:
+                raise unknown_name(f"hyperparameter of {cls.__name__}", name, fields)
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         fields = dataclasses.fields(self)

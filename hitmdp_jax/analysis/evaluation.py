@@ -6,14 +6,15 @@ import json
 import math
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from brax.envs.base import Env
 
 from hitmdp_jax.analysis.trajectories import record, record_in_gymnasium
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.physics import ENGINES as PHYSICS
-from hitmdp_jax.errors import out_of_domain, unknown_name
-from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.errors import UsageError, unknown_name
+from hitmdp_jax.training.config import RunConfig, whole_number
 from hitmdp_jax.training.policy import Policy
 
 ENGINES = (*PHYSICS, "gymnasium")
@@ -31,6 +32,20 @@ class Scores:
         """Standard error of the mean return; NaN of a single episode."""
         n = len(self.returns)
         return float(self.returns.std(ddof=1) / math.sqrt(n)) if n > 1 else math.nan
+
+
+def check_request(config: RunConfig, engine: str, episodes: int) -> None:
+    """Check what can be checked before a policy is read or an environment made.
+
+    Raises:
+      UsageError: the engine is unknown, episodes is not a positive whole number, or the run names
+        no task.
+    """
+    if engine not in ENGINES:
+        raise unknown_name("engine", str(engine), ENGINES)
+    whole_number("episodes", episodes, at_least=1)
+    if not config.tasks:
+        raise UsageError("The run was saved from Python and names no task.")
 
 
 def score(
@@ -54,12 +69,10 @@ def score(
       deterministic: take the likeliest option and action instead of sampling.
 
     Raises:
-      UsageError: the engine is unknown or does not have the task, or episodes < 1.
+      UsageError: the engine is unknown or does not have the task, episodes < 1, or the policy does
+        not fit the task.
     """
-    if engine not in ENGINES:
-        raise unknown_name("engine", engine, ENGINES)
-    if episodes < 1:
-        raise out_of_domain("episodes", episodes, "a positive whole number")
+    check_request(config, engine, episodes)
     task = config.tasks[-1]
     if engine == "gymnasium":
         recorded = record_in_gymnasium(policy, task, key, episodes, deterministic=deterministic)
@@ -71,9 +84,29 @@ def score(
 def score_in_jax(
     policy: Policy, env: Env, episodes: int, key: jax.Array, deterministic: bool = False
 ) -> Scores:
-    """Run each of N environments until its first episode ends. Pure but for the final copy."""
+    """Run each of N environments until its first episode ends. Pure but for the final copy.
+
+    Raises:
+      UsageError: the policy observes or acts in another size than the task.
+    """
+    check_fit(policy, env)
     returns, lengths = _totals(policy, env, key, episodes, deterministic)
     return Scores(np.asarray(returns), np.asarray(lengths))
+
+
+def check_fit(policy: Policy, env: Env) -> None:
+    """Hold a policy against a task.
+
+    Raises:
+      UsageError: their observations or actions differ in size.
+    """
+
+    def act(key: jax.Array) -> jax.Array:
+        return policy.act(jnp.zeros(env.observation_size), policy.initial_memory(key), key)[0]
+
+    size = jax.eval_shape(act, jax.random.key(0)).size
+    if size != env.action_size:
+        raise UsageError(f"The policy's actions have {size} parts; the task's {env.action_size}.")
 
 
 # Compiled apart from `record`: the compiler then leaves out whatever is recorded step by step.

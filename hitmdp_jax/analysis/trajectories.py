@@ -12,7 +12,6 @@ from flax import struct
 from hitmdp_jax.envs import check_env
 from hitmdp_jax.envs.physics import PhysicsState
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.learning.normalization import normalize
 from hitmdp_jax.training.policy import Policy
 
 COORDINATES = ("qpos", "qvel", "ctrl")
@@ -160,7 +159,7 @@ def _decide(
     policy: Policy, obs: jax.Array, memory: Any, key: jax.Array, deterministic: bool
 ) -> tuple[dict[str, Any], Any]:
     """Return what a policy does for raw observations [N, O], and its new memory."""
-    agent, params, obs = policy.agent, policy.params, normalize(obs, policy.normalizer)
+    agent, params, obs = policy.agent, policy.params, policy.normalized(obs)
     action, new_memory, noted = agent.act(params, obs, memory, key, deterministic)
     decision = {
         "action": action,

@@ -1,6 +1,5 @@
 """Score a trained run: `python -m hitmdp_jax.evaluate RUN_DIR --engine gymnasium --episodes 50`."""
 
-import argparse
 import csv
 import json
 from pathlib import Path
@@ -11,8 +10,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from hitmdp_jax.analysis.evaluation import ENGINES, Scores, score
-from hitmdp_jax.commands.settings import guarded
+from hitmdp_jax.analysis.evaluation import ENGINES, Scores, check_request, score
+from hitmdp_jax.commands.settings import Parser, guarded
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
@@ -33,7 +32,7 @@ def main() -> None:
 
 
 def _main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m hitmdp_jax.evaluate", description=__doc__)
+    parser = Parser(prog="python -m hitmdp_jax.evaluate", description=__doc__)
     parser.add_argument("run_dir", type=Path, help="a run's folder")
     parser.add_argument(
         "--engine", default=None, help=f"one of {', '.join(ENGINES)}; the run's own"
@@ -49,14 +48,17 @@ def _main() -> None:
         raise UsageError(f"'{options.run_dir}' was saved from Python and names no task.")
     seeds = range(config.seed, config.seed + config.seeds)
     chosen = seeds if options.seed is None else [options.seed]
-    engine = options.engine or config.physics
-    which = int(options.checkpoint) if options.checkpoint.isdecimal() else options.checkpoint
+    for seed in chosen:
+        if seed not in seeds:
+            raise UsageError(f"seed = {seed} is not in the run: {seeds.start} to {seeds.stop - 1}.")
+    engine = config.physics if options.engine is None else options.engine
+    check_request(config, engine, options.episodes)
+    number = options.checkpoint.isascii() and options.checkpoint.isdecimal()
+    which = int(options.checkpoint) if number else options.checkpoint
     set_up_host(engine if engine != "gymnasium" else config.physics, options.episodes)
     iteration, everyone = load_all(options.run_dir, which)
     rows = []
     for seed in chosen:
-        if seed not in seeds:
-            raise UsageError(f"seed = {seed} is not in the run: {seeds.start} to {seeds.stop - 1}.")
         policy = everyone.of(seed - config.seed)
         key = jax.random.key(seed + SEED_OFFSET)
         scores = score(policy, config, engine, options.episodes, key, options.deterministic)

@@ -26,7 +26,7 @@ from hitmdp_jax.analysis.comparison import Result, compare, comparison_figure, s
 from hitmdp_jax.commands.settings import Settings, folder_setting, guarded
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.folder import already_there, is_finished
+from hitmdp_jax.training.folder import already_there, is_finished, made
 from hitmdp_jax.training.interrupt import SIGNALS
 from hitmdp_jax.training.policy import load
 
@@ -62,6 +62,7 @@ def run_comparison(arguments: list[str]) -> int:
     run_dirs = {algo: folder / algo for algo in algos}
     configs = {algo: Settings([f"algo={algo}", *rest]).config() for algo in algos}
     known = {algo: already_there(run_dirs[algo], configs[algo]) for algo in algos}
+    made(folder)
     for algo, run_dir in run_dirs.items():
         if known[algo] and is_finished(run_dir, configs[algo]):
             print(f"{algo}: taken from {run_dir}", flush=True)
@@ -91,10 +92,15 @@ def _named(arguments: list[str]) -> dict[str, str]:
 def _algorithms(arguments: list[str]) -> tuple[list[str], list[str]]:
     """Return the algorithms of `algos=`, and the other arguments."""
     rest = [text for text in arguments if not text.startswith("algos=")]
+    for name, instead in (("algo", "algos= names"), ("resume", "run_dir= of it goes on with")):
+        if name in _named(rest):
+            raise UsageError(f"compare takes no {name}=: {instead} what is compared.")
     named = _named(arguments).get("algos", "all")
     algos = sorted(AGENTS) if named == "all" else named.split(",")
     for algo in algos:
         find_agent(algo)
+        if algos.count(algo) > 1:
+            raise UsageError(f"algos = {named} names {algo} more than once.")
     return algos, rest
 
 
@@ -130,13 +136,11 @@ def draw_theorems(arguments: list[str]) -> int:
         if name not in defaults:
             raise unknown_name("setting", name, defaults)
     settings = defaults | settings
-    seed, folder = settings["seed"], Path(settings["run_dir"])
-    if not seed.isdecimal() or int(seed) >= 2**32:
+    seed, folder = settings["seed"], folder_setting(settings)
+    assert folder is not None
+    if not (seed.isascii() and seed.isdecimal()) or int(seed) >= 2**32:
         raise out_of_domain("seed", seed, "a whole number from 0 to 4294967295")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"run_dir = {folder} cannot be made: {error.strerror}.") from None
+    made(folder)
     with jax.enable_x64(True):
         models = theorems.sample_models(jax.random.key(int(seed)))
         figures = {

@@ -1,5 +1,6 @@
 """How every command line reads settings, and how it says what is wrong with them."""
 
+import argparse
 import itertools
 import logging
 import os
@@ -8,7 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import hydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -19,7 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 import hitmdp_jax
 from hitmdp_jax import plugins
-from hitmdp_jax.errors import UsageError, exit_with, unknown_name
+from hitmdp_jax.errors import UsageError, exit_with, out_of_domain, unknown_name
 from hitmdp_jax.training.config import RunConfig
 
 HOST_SETTINGS = ("resume", "run_dir", "overwrite")  # of the command line, not of the run
@@ -57,6 +58,14 @@ def _say_in_a_line(args: threading.ExceptHookArgs) -> None:
         print(f"warning: {args.exc_value}", file=sys.stderr)
     else:
         threading.__excepthook__(args)
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser of flags that says what is wrong as every command line does."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise UsageError, of which `guarded` makes one sentence."""
+        raise UsageError(f"{message[0].upper()}{message[1:]}; --help lists what can be given.")
 
 
 class Settings:
@@ -110,7 +119,7 @@ class Settings:
                 for choice in _listed(override):
                     if choice not in groups[name]:
                         kind = {"env": "environment"}.get(name, name)
-                        raise unknown_name(kind, choice, set(groups[name]) - {OWN})
+                        raise unknown_name(kind, choice, groups[name])
             else:
                 values.append(name)
         chosen = [o for o in self.overrides if _parse(o).get_key_element().lstrip("+~") in groups]
@@ -165,16 +174,33 @@ def folder_setting(values: dict[str, Any], name: str = "run_dir") -> Path | None
     value = values.get(name)
     if value is None:
         return None
-    if not isinstance(value, str | int | float) or not str(value).strip():
+    named = isinstance(value, str | int | float) and not isinstance(value, bool)
+    if not named or not str(value).strip():
         raise UsageError(f"{name} = {value!r} names no folder.")
     return Path(str(value)).expanduser()
 
 
+def flag_setting(values: dict[str, Any], name: str) -> bool:
+    """Return a setting that is true or false.
+
+    Raises:
+      UsageError: it is neither.
+    """
+    value = values.get(name, False)
+    if not isinstance(value, bool):
+        raise out_of_domain(name, value, "true or false")
+    return value
+
+
 def _parse(text: str) -> Override:
+    wrong = UsageError(f"'{text}' is not of the form name=value, e.g. env=halfcheetah.")
     try:
-        return OverridesParser.create().parse_override(text)
+        override = OverridesParser.create().parse_override(text)
     except HydraException:
-        raise UsageError(f"'{text}' is not of the form name=value, e.g. env=halfcheetah.") from None
+        raise wrong from None
+    if not override.key_or_group or override.is_delete():  # every setting is needed
+        raise wrong
+    return override
 
 
 def _listed(override: Override) -> list[str]:
@@ -194,7 +220,8 @@ def _product(overrides: Sequence[str]) -> list[list[str]]:
 
 
 def _choices(group: Path) -> list[str]:
-    return [str(p.relative_to(group).with_suffix("")) for p in group.rglob("*.yaml")]
+    names = [str(p.relative_to(group).with_suffix("")) for p in group.rglob("*.yaml")]
+    return [name for name in names if name != OWN]  # which only a path stands for
 
 
 def _dotted(tree: Any, prefix: str = "") -> list[str]:

@@ -13,9 +13,16 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from hitmdp_jax.commands.settings import Settings, configs, folder_setting, guarded, run_config
+from hitmdp_jax.commands.settings import (
+    Settings,
+    configs,
+    flag_setting,
+    folder_setting,
+    guarded,
+    run_config,
+)
 from hitmdp_jax.envs.physics import find_engine
-from hitmdp_jax.errors import UsageError, exit_with
+from hitmdp_jax.errors import UsageError, exit_with, unknown_name
 from hitmdp_jax.training.checkpoint import saved_iterations
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import (
@@ -23,12 +30,15 @@ from hitmdp_jax.training.folder import (
     already_there,
     claim,
     is_finished,
+    made,
     newest,
 )
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import InterruptedRunError
 
 RESUMABLE = ("resume", "total_steps")  # what may stand on a command line that resumes a run
+MULTIRUN = ("-m", "--multirun")
+FLAGS = (*MULTIRUN, "-h", "--help", "--hydra-help", "--version", "--cfg=job", "--cfg=all", "--info")
 DIVERGED = 3  # the exit code of a run in which a seed was lost
 
 
@@ -36,8 +46,11 @@ def main() -> None:
     """Run the command line."""
     arguments = sys.argv[1:]
     flags = [a for a in arguments if a.startswith("-")]
-    multirun = bool({"-m", "--multirun"} & set(flags))
+    multirun = bool(set(MULTIRUN) & set(flags))
     try:
+        for flag in flags:
+            if flag not in FLAGS:
+                raise unknown_name("flag", flag, FLAGS)
         settings = Settings([a for a in arguments if not a.startswith("-")], multirun)
         swept, overrides = settings.swept(), settings.overrides
         if multirun:
@@ -58,7 +71,8 @@ def main() -> None:
             label = ",".join(o for o in names if o.split("=")[0] in swept).replace("/", "-")
             plain["run_dir"] = str(Path(hydra_config.sweep.dir) / label)
             print(f"job {hydra_config.job.num + 1}: {label}", flush=True)
-        codes.append(train(plain, [o.split("=")[0] for o in names], go_on=bool(swept)))
+        given = [o.split("=")[0] for o in names]
+        guarded(lambda: codes.append(train(plain, given, go_on=bool(swept))))
         if codes[-1] > 128:
             sys.exit(codes[-1])  # who stops one job means the sweep
 
@@ -69,14 +83,16 @@ def main() -> None:
 
 def _sweep_folder(settings: Settings) -> Path:
     """Return the folder of a sweep, having checked every job before the first one starts."""
-    given = {str(settings.values(job).get("run_dir")) for job in settings.jobs()}
-    for job in settings.jobs():
-        settings.config(job)
-    if len(given) > 1:
+    jobs = [settings.values(job) for job in settings.jobs()]
+    for values in jobs:
+        run_config(values)
+        flag_setting(values, "overwrite")
+        if values["resume"] is not None:
+            raise UsageError("resume goes on with one run: leave -m out.")
+    if len({str(values["run_dir"]) for values in jobs}) > 1:
         raise UsageError("run_dir names the folder of the whole sweep; it cannot be swept.")
-    return folder_setting(settings.values(settings.jobs()[0])) or (
-        RUNS / "sweeps" / time.strftime("%Y-%m-%d_%H-%M-%S")
-    )
+    default = RUNS / "sweeps" / time.strftime("%Y-%m-%d_%H-%M-%S")
+    return made(folder_setting(jobs[0]) or default)
 
 
 def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
@@ -91,6 +107,7 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
       UsageError: a setting or a folder is unusable.
     """
     run_dir, resume = folder_setting(values), folder_setting(values, "resume")
+    overwrite = flag_setting(values, "overwrite")
     if resume is not None:
         run_dir = newest() if str(resume) == "latest" else resume
         config = _resumed(run_dir, names, values["total_steps"])
@@ -100,7 +117,7 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
         if go_on and run_dir is not None and already_there(run_dir, config):
             resume = run_dir
         else:
-            run_dir = claim(run_dir, config, values["overwrite"])
+            run_dir = claim(run_dir, config, overwrite)
     assert run_dir is not None
     if resume is not None and is_finished(run_dir, config):
         print(

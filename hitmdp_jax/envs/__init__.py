@@ -6,12 +6,14 @@ from typing import Any
 
 from brax.envs.base import Env
 
-from hitmdp_jax.envs.brax_tasks import BRAX, brax_task
+from hitmdp_jax.envs.brax_tasks import BRAX, brax_task, check_engine
 from hitmdp_jax.envs.dmc.suite import require_suite
 from hitmdp_jax.envs.keywords import check_keywords, parameters_of
 from hitmdp_jax.envs.physics import PhysicsChoice, find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.plugins import is_own, label, load_class
+
+__all__ = ["check_engine", "check_env", "list_envs", "make_env", "register_env"]
 
 VERSIONS = ("v4", "v5")
 
@@ -102,8 +104,7 @@ def make_env(
     task = check_env(name, version, **task_kwargs)
     takes = parameters_of(task)
     env = task(**{k: x for k, x in given.items() if k in takes}, **task_kwargs)
-    if not (hasattr(env, "reset") and hasattr(env, "step")):
-        raise UsageError(f"'{name}' makes no environment: what it makes has no reset and step.")
+    _check_interface(name, env)
     return env
 
 
@@ -119,7 +120,7 @@ def check_env(name: str, version: str = "v5", **task_kwargs: Any) -> Callable[..
     if name.startswith(BRAX):
         return brax_task(name, **task_kwargs)
     if name in _REGISTRY:
-        if version not in VERSIONS:
+        if not isinstance(version, str) or version not in VERSIONS:
             raise unknown_name("version", str(version), VERSIONS)
         if name.startswith("dmc/"):
             require_suite()
@@ -129,7 +130,14 @@ def check_env(name: str, version: str = "v5", **task_kwargs: Any) -> Callable[..
         task = _registered[name]
     elif is_own(name):
         task = load_class(name)
+        _check_interface(name, task)
     else:
         raise unknown_name("environment", name, list_envs())
     check_keywords(label(name), task, task_kwargs, domains=name in _REGISTRY)
     return task
+
+
+def _check_interface(name: str, env: Any) -> None:
+    """Raise UsageError where an environment, or its class, is none."""
+    if not (hasattr(env, "reset") and hasattr(env, "step")):
+        raise UsageError(f"'{name}' makes no environment: what it makes has no reset and step.")

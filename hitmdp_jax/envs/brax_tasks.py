@@ -36,12 +36,21 @@ def brax_task(name: str, **task_kwargs: Any) -> Callable[..., Env]:
     return functools.partial(_make, task, name)
 
 
-def _make(task: Callable[..., Env], name: str, physics: PhysicsChoice, **task_kwargs: Any) -> Env:
-    if find_engine(physics).name != "mjx":
+def check_engine(name: str, physics: PhysicsChoice) -> None:
+    """Reject an engine that a task has no use for.
+
+    Raises:
+      UsageError: the task is one of Brax's own and the engine is not the default.
+    """
+    if name.startswith(BRAX) and find_engine(physics).name != "mjx":
         raise UsageError(
             f"{name} brings Brax's own physics, chosen by backend ({', '.join(BACKENDS)}); "
             "physics must stay at its default."
         )
+
+
+def _make(task: Callable[..., Env], name: str, physics: PhysicsChoice, **task_kwargs: Any) -> Env:
+    check_engine(name, physics)
     env = task(**task_kwargs)
     env.episode_length = EPISODE_LENGTH  # pyright: ignore[reportAttributeAccessIssue]
     return env

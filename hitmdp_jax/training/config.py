@@ -10,7 +10,7 @@ import yaml
 
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import Agent, find_agent
-from hitmdp_jax.envs import check_env
+from hitmdp_jax.envs import check_engine, check_env
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.program import check_sizes, num_iterations
@@ -67,7 +67,7 @@ class RunConfig:
                 raise unknown_name("setting", str(name), fields)
         values = dict(settings)
         for name in set(WHOLE) & set(values):
-            values[name] = _whole(name, values[name], WHOLE[name])
+            values[name] = whole_number(name, values[name], WHOLE[name])
         # wandb=off is a bool to YAML
         values["wandb"] = {False: "off"}.get(values.get("wandb", False), values.get("wandb"))
         if values["wandb"] not in WANDB:
@@ -80,9 +80,10 @@ class RunConfig:
         config = cls(**values)
         if config.seed + config.seeds > 2**32:
             raise out_of_domain("seed", config.seed, "a whole number below 2^32 - seeds")
-        find_engine(config.physics)
+        engine = find_engine(config.physics)
         for task in config.tasks:
             check_env(**task)
+            check_engine(task["name"], engine)
         check_sizes(config.make_agent(), config.total_steps, config.num_envs, config.rollout_length)
         return config
 
@@ -203,8 +204,12 @@ class RunConfig:
             raise UsageError(f"'{path}' does not fit: {error}") from None
 
 
-def _whole(name: str, value: Any, at_least: int) -> int:
-    """Return a whole number, which may be written as 1e6."""
+def whole_number(name: str, value: Any, at_least: int) -> int:
+    """Return a whole number, which may be written as 1e6.
+
+    Raises:
+      UsageError: it is none, or less than `at_least`, or more than anyone asks for.
+    """
     wanted = "a positive whole number" if at_least else "a whole number from 0"
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not math.isfinite(value) or value != int(value) or value < at_least:
@@ -220,7 +225,7 @@ def _like(name: str, value: Any, default: Any) -> Any:
         if not isinstance(value, bool):
             raise out_of_domain(name, value, "true or false")
     elif isinstance(default, int):
-        return _whole(name, value, at_least=1)
+        return whole_number(name, value, at_least=1)
     elif isinstance(default, float):
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise out_of_domain(name, value, "a number")

@@ -22,6 +22,19 @@ def default_folder(config: RunConfig) -> Path:
     return RUNS.joinpath(*names, time.strftime("%Y-%m-%d_%H-%M-%S"))
 
 
+def made(folder: Path) -> Path:
+    """Return a folder, made if need be.
+
+    Raises:
+      UsageError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"run_dir = {folder} cannot be made: {error.strerror}.") from None
+    return folder
+
+
 def claim(run_dir: Path | None, config: RunConfig, overwrite: bool = False) -> Path:
     """Make a new run's folder and write its settings there, so that no other run takes it.
 

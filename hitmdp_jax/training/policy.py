@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import inspect
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ import numpy as np
 from flax import struct
 
 from hitmdp_jax.agents import AGENTS, Agent
-from hitmdp_jax.errors import UsageError
+from hitmdp_jax.agents.base import check_hyperparameters
+from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.learning.normalization import normalize
-from hitmdp_jax.training.checkpoint import Checkpoints, Progress, normalizer_of
+from hitmdp_jax.training.checkpoint import Checkpoints, Progress, normalizer_of, policy_of
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import claim
 from hitmdp_jax.training.program import TrainState
@@ -56,8 +58,8 @@ class Policy(struct.PyTreeNode):
     def normalized(self, obs: jax.Array) -> jax.Array:
         """Return raw observations [..., O] as the agent sees them; Raises as `act`."""
         size = self.normalizer.mean.shape[-1]
-        if jnp.shape(obs)[-1:] != (size,):
-            raise UsageError(f"obs has shape {jnp.shape(obs)}; its last axis must be {size} long.")
+        if np.shape(obs)[-1:] != (size,):
+            raise UsageError(f"obs has shape {np.shape(obs)}; its last axis must be {size} long.")
         return normalize(jnp.asarray(obs, jnp.float32), self.normalizer)
 
 
@@ -72,7 +74,8 @@ def load(run_dir: str | Path, seed: int | None = None, checkpoint: int | str = "
     Raises:
       UsageError: the folder holds no run, no such checkpoint, or no such seed.
     """
-    config = RunConfig.load(Path(run_dir))
+    run_dir = _folder(run_dir)
+    config = RunConfig.load(run_dir)
     seeds = range(config.seed, config.seed + config.seeds)
     if seed is not None and seed not in seeds:
         raise UsageError(
@@ -88,7 +91,7 @@ def load_all(run_dir: str | Path, checkpoint: int | str = "newest") -> tuple[int
 
     Args and Raises as `load`.
     """
-    run_dir = Path(run_dir)
+    run_dir = _folder(run_dir)
     config = RunConfig.load(run_dir)
     checkpoints = Checkpoints(run_dir, read_only=True)
     try:
@@ -96,16 +99,23 @@ def load_all(run_dir: str | Path, checkpoint: int | str = "newest") -> tuple[int
     finally:
         checkpoints.close()
     policy = Policy(config.make_agent(), saved["params"], normalizer_of(saved))
-    _check_fit(policy, config, run_dir)
+    if not _fits(policy, config.seeds):
+        raise UsageError(
+            f"The checkpoint in '{run_dir}' does not fit the algorithm and seeds that its "
+            "config.yaml names."
+        )
     return iteration, policy
 
 
-def _check_fit(policy: Policy, config: RunConfig, run_dir: Path) -> None:
-    """Compare the parameters with those that the agent would make; a stranger's may be anything.
+def _folder(run_dir: Any) -> Path:
+    """Return a folder's path, or raise UsageError where there is none."""
+    if not isinstance(run_dir, str | os.PathLike) or not str(run_dir):
+        raise out_of_domain("run_dir", repr(run_dir), "the path of a run's folder")
+    return Path(run_dir)
 
-    Raises:
-      UsageError: they are not the parameters of the agent that the settings name.
-    """
+
+def _fits(policy: Policy, seeds: int) -> bool:
+    """Return whether the parameters [S, ...] are such as the agent makes; they may be anything."""
 
     def same_shapes(params: Any, normalizer: Any, key: jax.Array) -> bool:
         one = policy.replace(params=params, normalizer=normalizer)
@@ -115,17 +125,12 @@ def _check_fit(policy: Policy, config: RunConfig, run_dir: Path) -> None:
         shapes = [jax.tree.map(jnp.shape, tree) for tree in (params, fresh)]
         return shapes[0] == shapes[1]
 
-    seeds = len(policy.normalizer.mean)
     shapes = jax.tree.map(lambda x: x[0], (policy.params, policy.normalizer))
     fits: list[bool] = []
     # Acting on parameters of another kind fails in as many ways as there are kinds.
     with contextlib.suppress(Exception):
         jax.eval_shape(lambda *args: fits.append(same_shapes(*args)), *shapes, jax.random.key(0))
-    if fits != [True] or seeds != config.seeds:
-        raise UsageError(
-            f"The checkpoint in '{run_dir}' does not fit the algorithm and seeds that its "
-            "config.yaml names."
-        )
+    return fits == [True] and len(policy.normalizer.mean) == seeds
 
 
 def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: bool = False) -> None:
@@ -138,15 +143,21 @@ def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: boo
       overwrite: replace a run that the folder holds.
 
     Raises:
-      UsageError: the folder holds a run or cannot be written, or the agent's class has no file.
+      UsageError: the folder holds a run or cannot be written, the agent's class has no file, or the
+        state is of another agent.
     """
+    folder = _folder(run_dir)
+    check_hyperparameters(agent)
     if not isinstance(state, TrainState):
         raise UsageError(f"state is a {type(state).__name__}; pass the TrainState of a training.")
     if state.iteration.ndim == 0:
         state = jax.tree.map(lambda x: x[None], state)
     seeds = len(state.iteration)
     config = RunConfig(algo=describe(agent), seeds=seeds)
-    run_dir = claim(Path(run_dir), config, overwrite)
+    learned = policy_of(state)
+    if not _fits(Policy(agent, learned["params"], normalizer_of(learned)), seeds):
+        raise UsageError(f"The state does not fit the agent: {type(agent).__name__} made another.")
+    run_dir = claim(folder, config, overwrite)
     checkpoints = Checkpoints(run_dir)
     checkpoints.save(Progress(int(np.max(state.iteration)), 0, state))
     checkpoints.close()

@@ -12,49 +12,14 @@ from flax import struct
 from jax.flatten_util import ravel_pytree
 
 from hitmdp_jax.agents.base import Agent, LearnerState, check_hyperparameters
-from hitmdp_jax.envs.vector import Step, VectorEnv
+from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError, out_of_domain
+from hitmdp_jax.learning.episodes import EpisodeWindow, episode_metrics
 from hitmdp_jax.learning.metrics import Metrics, describe, over_iterations
 from hitmdp_jax.learning.normalization import initial_statistics, update_statistics
 from hitmdp_jax.learning.rollout import RolloutState, collect
 
-RECENT_EPISODES = 100  # what `recent_return` averages over
 CAUSES = ("none", "reward", "loss", "parameters")  # what was not finite where a seed diverged
-
-
-class EpisodeWindow(struct.PyTreeNode):
-    """The last whole episodes of one seed."""
-
-    returns: jax.Array  # [RECENT_EPISODES] a ring, undiscounted
-    lengths: jax.Array  # [RECENT_EPISODES] control steps
-    count: jax.Array  # int32, episodes ever
-
-    @classmethod
-    def empty(cls) -> "EpisodeWindow":
-        """Return the window of a seed that has finished no episode."""
-        zeros = jnp.zeros(RECENT_EPISODES)
-        return cls(zeros, zeros, jnp.zeros((), jnp.int32))
-
-    def add(self, outcome: Step) -> "EpisodeWindow":
-        """Return the window after the episodes that ended in a rollout [T, B]."""
-        finished = outcome.finished.ravel()
-        number = self.count + jnp.cumsum(finished)  # 1, 2, ... of each episode that ended
-        total = number[-1]
-        kept = finished & (number > total - RECENT_EPISODES)
-        slot = jnp.where(kept, (number - 1) % RECENT_EPISODES, RECENT_EPISODES)
-        return EpisodeWindow(
-            self.returns.at[slot].set(outcome.episode_return.ravel(), mode="drop"),
-            self.lengths.at[slot].set(outcome.episode_length.ravel(), mode="drop"),
-            total.astype(jnp.int32),
-        )
-
-    def metrics(self) -> Metrics:
-        """Return the means over the window; NaN before the first episode has ended."""
-        known = jnp.minimum(self.count, RECENT_EPISODES)
-        return {
-            "recent_return": self.returns.sum() / known,
-            "recent_length": self.lengths.sum() / known,
-        }
 
 
 class TrainState(struct.PyTreeNode):
@@ -88,10 +53,15 @@ def check_sizes(agent: Agent, num_steps: Any, num_envs: Any, rollout_length: Any
     """
     sizes = {"num_steps": num_steps, "num_envs": num_envs, "rollout_length": rollout_length}
     for name, size in sizes.items():
-        if not isinstance(size, int) or isinstance(size, bool) or size < 1:
-            raise out_of_domain(name, size, "a positive whole number")
+        check_size(name, size)
     spelled = f"rollout_length * num_envs = {rollout_length} * {num_envs}"
     agent.check_batch(rollout_length * num_envs, spelled)
+
+
+def check_size(name: str, size: Any) -> None:
+    """Raise UsageError where a size is not a positive whole number."""
+    if not isinstance(size, int) or isinstance(size, bool) or size < 1:
+        raise out_of_domain(name, size, "a positive whole number")
 
 
 def make_train(
@@ -125,10 +95,13 @@ def make_train(
       UsageError: a size is not positive or does not divide, a hyperparameter is out of range, or an
         observation is not one array.
     """
-    if isinstance(agent, type):
-        raise UsageError(f"agent is the class {agent.__name__}: pass an agent, {agent.__name__}().")
     check_hyperparameters(agent)
     check_sizes(agent, num_steps, num_envs, rollout_length)
+    for name, size in (("episode_length", episode_length), ("reset_pool_size", reset_pool_size)):
+        if size is not None:
+            check_size(name, size)
+    if isinstance(env, type) or not (hasattr(env, "reset") and hasattr(env, "step")):
+        raise UsageError(f"env = {env!r} is no environment: make one, such as make_env('hopper').")
     if not isinstance(env.observation_size, int):
         raise UsageError(
             "The environment observes several arrays, and a policy reads one: "
@@ -256,6 +229,8 @@ def train(
     """
     sizes = {"num_steps": num_steps, "num_envs": num_envs, "rollout_length": rollout_length}
     init, step = make_train(agent, env, **sizes, **options)
+    if not hasattr(key, "dtype"):
+        raise out_of_domain("key", key, "a key, such as jax.random.key(0)")
     iterations = num_iterations(**sizes)
     return jax.lax.scan(lambda state, _: step(state), init(key), length=iterations)
 
@@ -289,21 +264,3 @@ def transfer(old: TrainState, new: TrainState) -> TrainState:
         diverged=old.diverged,
         cause=old.cause,
     )
-
-
-def episode_metrics(outcome: Step) -> Metrics:
-    """Return the means over whole episodes that ended in a rollout; NaN where none did.
-
-    `episode_return` is undiscounted and raw, of the stochastic training policy.
-    """
-    count = outcome.finished.sum()
-
-    def mean(x: jax.Array) -> jax.Array:
-        total = jnp.where(outcome.finished, x, 0).sum()
-        return jnp.where(count > 0, total / jnp.maximum(count, 1), jnp.nan)
-
-    return {
-        "episode_return": mean(outcome.episode_return),
-        "episode_length": mean(outcome.episode_length),
-        "episodes": count,
-    } | {name: x.mean() for name, x in outcome.metrics.items()}

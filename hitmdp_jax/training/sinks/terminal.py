@@ -12,8 +12,8 @@ from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from hitmdp_jax.learning.episodes import RECENT_EPISODES
 from hitmdp_jax.learning.options import mean_duration
-from hitmdp_jax.training.program import RECENT_EPISODES
 from hitmdp_jax.training.sinks.base import Values
 
 WINDOW = 20  # reports that the shown means span, but for the return, which says its own
