@@ -276,7 +276,7 @@ REPRODUCE = [
     ("compare env=brax/ant physics=native", "physics must stay at its default"),
     ("compare run_dir=", "run_dir = '' names no folder"),
     ("compare run_dir=notes.txt algos=ppo", "notes.txt"),
-    ("compare run_dir=compared env=toy/turkey algos=ppo seeds=5", "holds a run with other settings"),
+    ("compare run_dir=compared env=toy/turkey algos=ppo seeds=5", "holds a run with other"),
     ("theory sed=1", "Unknown setting 'sed'; did you mean 'seed'?"),
     ("theory seed=-1", "seed = -1 must be a whole number"),
     ("theory seed=abc", "seed = abc must be a whole number"),

@@ -27,7 +27,7 @@ def is_writing(run_dir):
 @pytest.mark.slow  # twenty starts of a process, each of which compiles
 @pytest.mark.timeout(3000)
 def test_a_run_killed_twenty_times_ends_as_if_it_had_not_been(start, command, tmp_path):
-    settings = (*QUICK, "seeds=2", "total_steps=1_000_000", "checkpoint_steps=2048")
+    settings = (*QUICK, "seeds=2", "total_steps=200_000", "checkpoint_steps=2048")
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert command("train", *settings, f"run_dir={whole}", timeout=1500).returncode == 0
     chance, while_writing = random.Random(0), 0
