@@ -156,7 +156,9 @@ def test_what_makes_no_environment_is_refused():
 
 def test_errors_of_a_users_own_file_keep_their_traceback(tmp_path):
     file = tmp_path / "broken_task.py"
-    file.write_text("class Late:\n    def __init__(self):\n        {}['goal']\n")
+    file.write_text(
+        "class Late:\n    reset = step = None\n    def __init__(self):\n        {}['goal']\n"
+    )
     with pytest.raises(KeyError, match=r"goal") as error:
         hitmdp_jax.make_env(f"{file}:Late")
     assert str(error.traceback[-1].path) == str(file)
