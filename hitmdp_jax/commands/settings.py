@@ -1,10 +1,11 @@
 """How every command line reads settings, and how it says what is wrong with them."""
 
 import argparse
+import copy
+import functools
 import itertools
 import logging
 import os
-import re
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -150,14 +151,19 @@ class Settings:
         return run_config(self.values(job))
 
     def _compose(self, overrides: Sequence[str]) -> dict[str, Any]:
-        with hydra.initialize_config_dir(str(self.folder.absolute()), version_base="1.3"):
-            try:
-                composed = hydra.compose("config", overrides=list(overrides))
-                values = OmegaConf.to_container(composed, resolve=True)
-            except (HydraException, OmegaConfBaseException) as error:
-                raise UsageError(re.sub(r"\s+", " ", str(error))) from error
-        assert isinstance(values, dict)
-        return {str(name): x for name, x in values.items()}
+        return copy.deepcopy(_composed(self.folder.absolute(), tuple(overrides)))
+
+
+@functools.lru_cache(maxsize=64)  # a command line asks for the same settings several times
+def _composed(folder: Path, overrides: tuple[str, ...]) -> dict[str, Any]:
+    with hydra.initialize_config_dir(str(folder), version_base="1.3"):
+        try:
+            composed = hydra.compose("config", overrides=list(overrides))
+            values = OmegaConf.to_container(composed, resolve=True)
+        except (HydraException, OmegaConfBaseException) as error:
+            raise UsageError(" ".join(str(error).split())) from error
+    assert isinstance(values, dict)
+    return {str(name): x for name, x in values.items()}
 
 
 def run_config(values: dict[str, Any]) -> RunConfig:

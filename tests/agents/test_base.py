@@ -79,7 +79,7 @@ def test_a_list_of_sizes_is_as_good_as_a_tuple():
 
 
 def test_a_class_is_no_agent():
-    with pytest.raises(UsageError, match="is not an agent; make one"):
+    with pytest.raises(UsageError, match=r"agent is the class MOPG: pass an agent, MOPG\(\)"):
         check_hyperparameters(MOPG)
 
 

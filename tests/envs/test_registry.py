@@ -32,6 +32,7 @@ def test_yaml_states_the_constructor_defaults(name):
 
 def test_every_yaml_names_a_task():
     names = {str(p.relative_to(CONFIGS).with_suffix("")) for p in CONFIGS.rglob("*.yaml")}
+    names.remove("own")  # stands for a task in a file of the user's own
     assert {n for n in names if not n.startswith("brax/")} == set(hitmdp_jax.list_envs())
     for name in names:
         settings = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text())
@@ -156,7 +157,9 @@ def test_what_makes_no_environment_is_refused():
 
 def test_errors_of_a_users_own_file_keep_their_traceback(tmp_path):
     file = tmp_path / "broken_task.py"
-    file.write_text("class Late:\n    def __init__(self):\n        {}['goal']\n")
+    file.write_text(
+        "class Late:\n    reset = step = None\n    def __init__(self):\n        {}['goal']\n"
+    )
     with pytest.raises(KeyError, match=r"goal") as error:
         hitmdp_jax.make_env(f"{file}:Late")
     assert str(error.traceback[-1].path) == str(file)
