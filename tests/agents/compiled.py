@@ -5,9 +5,9 @@ from typing import Any
 
 import jax
 
+# Not those that return a distribution, which no program can.
 METHODS = {
     "act",
-    "every_policy",
     "every_q",
     "heads",
     "infer",
@@ -18,7 +18,6 @@ METHODS = {
     "low_loss",
     "option_log_probs",
     "option_probs",
-    "policy",
     "q",
     "targets",
     "update",
