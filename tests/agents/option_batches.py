@@ -12,10 +12,15 @@ T, B, O, A, K = 5, 3, 4, 2, 4  # noqa: E741
 
 def random_params(agent, key):
     """Return parameters with which options differ by more than rounding."""
-    params = jax.jit(lambda k: agent.init(k, O, A).params)(key)
+    return add_noise(agent.init(key, O, A).params, key)
+
+
+@jax.jit
+def add_noise(params, key):
     return jax.tree.map(lambda x: x + 0.3 * jax.random.normal(key, x.shape), params)
 
 
+@jax.jit
 def random_batch(key):
     """Return a rollout [T, B]: environment 0 terminates at 2, environment 1 is cut off at 1."""
     keys = jax.random.split(key, 5)
@@ -43,6 +48,7 @@ def flatten(data):
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), data)
 
 
+@jax.jit
 def option_probabilities(heads, previous, initial):
     """Return P(o_t | s_t, o_{t-1}) [K] of one state's heads, summing over the stop b_t."""
     master, stop = jnp.exp(heads.log_master), jax.nn.sigmoid(heads.termination[previous])
@@ -50,6 +56,7 @@ def option_probabilities(heads, previous, initial):
     return (1 - stop) * jnp.eye(K)[previous] + stop * master
 
 
+@jax.jit
 def log_density(params, heads, option, action):
     """Return log pi_o(a | s) of one state's heads, straight from the normal density."""
     std = jnp.log1p(jnp.exp(params["rho"][option]))

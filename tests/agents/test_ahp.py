@@ -7,6 +7,7 @@ import pytest
 
 from hitmdp_jax.agents import AHP
 from hitmdp_jax.learning.options import OptionMemory
+from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     B,
     K,
@@ -22,7 +23,7 @@ from tests.agents.option_batches import (
 
 @pytest.fixture
 def agent():
-    return AHP()
+    return Compiled(AHP())
 
 
 @pytest.fixture
@@ -78,7 +79,7 @@ def test_what_is_drawn_has_the_probability_it_claims(agent, params, key):
     n = 20_000
     obs = jnp.broadcast_to(jax.random.normal(key, (O,)), (n, O))
     memory = OptionMemory(jnp.full(n, 2), jnp.zeros(n, bool))
-    _, _, (option, stop) = jax.jit(agent.act)(params, obs, memory, key)
+    _, _, (option, stop) = agent.act(params, obs, memory, key)
     heads = agent.heads(params, obs[0])
     beta = jax.nn.sigmoid(heads.termination[2])
     np.testing.assert_allclose(stop.mean(), beta, atol=0.02)

@@ -1,6 +1,7 @@
 """What every agent owes, whichever it is."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +12,7 @@ import hitmdp_jax
 from hitmdp_jax.agents import AGENTS
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
 from hitmdp_jax.errors import UsageError
+from tests.agents.compiled import Compiled
 from tests.probes import Target
 
 SIZES = {"num_envs": 8, "rollout_length": 16}
@@ -21,25 +23,40 @@ SINGLE_STEP = {"num_envs": 8, "rollout_length": 4}
 
 
 @pytest.fixture(params=sorted(AGENTS))
-def agent(request):
-    agent = AGENTS[request.param]()
+def name(request):
+    return request.param
+
+
+@pytest.fixture
+def agent(name):
+    return make_agent(name)
+
+
+def make_agent(name):
+    agent = AGENTS[name]()
     return agent.replace(num_epochs=2) if hasattr(agent, "num_epochs") else agent
 
 
 @pytest.mark.parametrize("batch_shape", [(), (3,), (2, 3)])
 def test_act_takes_any_batch_shape(agent, key, batch_shape):
-    params = agent.init(key, observation_size=5, action_size=2).params
-    memory = agent.initial_memory(key, batch_shape)
-    action, new_memory, _ = agent.act(params, jnp.ones((*batch_shape, 5)), memory, key)
+    """Shapes alone are asked for, so nothing is compiled."""
+
+    def act(key):
+        params = agent.init(key, observation_size=5, action_size=2).params
+        memory = agent.initial_memory(key, batch_shape)
+        return memory, *agent.act(params, jnp.ones((*batch_shape, 5)), memory, key)
+
+    memory, action, new_memory, _ = jax.eval_shape(act, key)
     assert action.shape == (*batch_shape, 2)
     assert jax.tree.map(jnp.shape, memory) == jax.tree.map(jnp.shape, new_memory)
 
 
 def test_deterministic_actions_repeat(agent, key):
+    agent = Compiled(agent)
     params = agent.init(key, 5, 2).params
-    memory = agent.initial_memory(key, (4,))
+    memory = agent.initial_memory(key, (2, 3))
     actions = [
-        agent.act(params, jnp.ones((4, 5)), memory, jax.random.key(i), deterministic=True)[0]
+        agent.act(params, jnp.ones((2, 3, 5)), memory, jax.random.key(i), deterministic=True)[0]
         for i in range(2)
     ]
     np.testing.assert_array_equal(*actions)
@@ -56,12 +73,37 @@ def test_iteration_keeps_structure_shapes_and_types(agent, key):
     assert {"episode_return", "episode_length", "episodes"} <= metrics.keys()
 
 
-def test_metrics_are_finite(agent, key):
-    _, metrics = jax.jit(
-        lambda k: hitmdp_jax.train(agent, Target(), k, num_steps=3 * 128, **SIZES)
-    )(key)
-    for name, value in metrics.items():
-        assert np.isfinite(value).all(), name
+@pytest.fixture(scope="module")
+def learnt():
+    """Return the metrics of a run that learns, by agent: one program, and one run, for each.
+
+    Separate networks for K options see a part of the samples each and take twice the iterations.
+    """
+
+    @functools.cache
+    def learn(name):
+        agent = make_agent(name)
+        sizes, iterations = (SIZES, 80) if hasattr(agent, "num_epochs") else (SINGLE_STEP, 800)
+        if isinstance(agent, ClippedOptionAgent):
+            iterations = 160
+        train = jax.jit(
+            lambda k: hitmdp_jax.train(
+                agent.replace(learning_rate=1e-3),
+                Target(),
+                k,
+                num_steps=iterations * sizes["num_envs"] * sizes["rollout_length"],
+                reset_pool_size=128,
+                **sizes,
+            )
+        )
+        return jax.device_get(train(jax.random.key(0))[1])
+
+    return learn
+
+
+def test_metrics_are_finite(name, learnt):
+    for metric, value in learnt(name).items():
+        assert np.isfinite(value).all(), metric
 
 
 def test_float_hyperparameters_are_leaves_and_the_rest_is_static(agent):
@@ -73,6 +115,8 @@ def test_float_hyperparameters_are_leaves_and_the_rest_is_static(agent):
 
 def test_two_learning_rates_train_in_one_program(agent, key):
     rates = jnp.array([0.0, 3e-3])
+    init, _ = hitmdp_jax.make_train(agent, Target(), num_steps=128, **SIZES)
+    untrained = jax.jit(init)(key).learner.params
     state, _ = jax.jit(
         jax.vmap(
             lambda rate: hitmdp_jax.train(
@@ -80,8 +124,6 @@ def test_two_learning_rates_train_in_one_program(agent, key):
             )
         )
     )(rates)
-    init, _ = hitmdp_jax.make_train(agent, Target(), num_steps=128, **SIZES)
-    untrained = init(key).learner.params
     trained = state.learner.params
     same = jax.tree.map(lambda x, y: np.allclose(x[0], y, atol=1e-6), trained, untrained)
     moved = jax.tree.map(lambda x, y: not np.allclose(x[1], y, atol=1e-6), trained, untrained)
@@ -89,26 +131,9 @@ def test_two_learning_rates_train_in_one_program(agent, key):
     assert any(jax.tree.leaves(moved))
 
 
-def test_learns_to_hit_the_target(agent, key):
-    """The best return is 1; the first policy's is 1 - 1/3 - its variance, at most 0.3.
-
-    Separate networks for K options see a part of the samples each and take twice the iterations.
-    """
-    sizes, iterations = (SIZES, 80) if hasattr(agent, "num_epochs") else (SINGLE_STEP, 800)
-    if isinstance(agent, ClippedOptionAgent):
-        iterations = 160
-    train = jax.jit(
-        lambda k: hitmdp_jax.train(
-            agent.replace(learning_rate=1e-3),
-            Target(),
-            k,
-            num_steps=iterations * sizes["num_envs"] * sizes["rollout_length"],
-            reset_pool_size=128,
-            **sizes,
-        )
-    )
-    _, metrics = train(key)
-    returns = np.asarray(metrics["episode_return"]).reshape(80, -1).mean(1)
+def test_learns_to_hit_the_target(name, learnt):
+    """The best return is 1; the first policy's is 1 - 1/3 - its variance, at most 0.3."""
+    returns = learnt(name)["episode_return"].reshape(80, -1).mean(1)
     assert returns[:3].mean() < 0.55
     assert returns[-5:].mean() > 0.75
 
@@ -146,6 +171,7 @@ def test_bad_sizes_are_explained(agent):
 
 def test_executed_options_and_their_probabilities_agree(agent, key):
     """An option that was executed is an index, and its probability is not zero."""
+    agent = Compiled(agent)
     params = agent.init(key, 5, 2).params
     memory, obs = agent.initial_memory(key, (2, 3)), jax.random.normal(key, (2, 3, 5))
     _, _, record = agent.act(params, obs, memory, key)

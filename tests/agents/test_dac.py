@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hitmdp_jax.agents import DAC
+from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     A,
     B,
@@ -21,7 +22,7 @@ from tests.agents.option_batches import (
 
 @pytest.fixture
 def agent():
-    return DAC()
+    return Compiled(DAC())
 
 
 @pytest.fixture
@@ -50,8 +51,8 @@ def log_pi_bar(agent, params, sample):
 
 
 def test_both_augmented_policies_equal_their_definitions(agent, params, data):
-    high = jax.vmap(lambda sample: pi_hat(agent, params, sample))(data)
-    low = jax.vmap(lambda sample: log_pi_bar(agent, params, sample))(data)
+    high = jax.jit(jax.vmap(lambda sample: pi_hat(agent, params, sample)))(data)
+    low = jax.jit(jax.vmap(lambda sample: log_pi_bar(agent, params, sample)))(data)
     np.testing.assert_allclose(high.sum(-1), 1.0, rtol=1e-5)
     np.testing.assert_allclose(jnp.exp(data["log_option"]), high, rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(data["log_prob_action"], low, rtol=1e-4, atol=1e-4)
@@ -73,8 +74,8 @@ def test_gradients_at_the_old_policies_are_policy_gradients(agent, params, data)
 
 
 def test_each_pass_leaves_the_other_mdps_policy_alone(agent, params, data):
-    high = jax.grad(lambda p: agent.high_loss(p, data)[0])(params)
-    low = jax.grad(lambda p: agent.low_loss(p, data)[0])(params)
+    high = jax.jit(jax.grad(lambda p: agent.high_loss(p, data)[0]))(params)
+    low = jax.jit(jax.grad(lambda p: agent.low_loss(p, data)[0]))(params)
     for gradient, idle in ((high, ("policies", "rho")), (low, ("terminations", "master"))):
         for name in idle:
             assert all((x == 0).all() for x in jax.tree.leaves(gradient[name])), name

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from hitmdp_jax.agents import MOPG
+from tests.agents.compiled import Compiled
 from tests.agents.option_batches import A, B, K, O, T, random_params
 
 
 @pytest.fixture
 def agent():
-    return MOPG()
+    return Compiled(MOPG())
 
 
 def test_initial_options_are_uniform(agent, key):
@@ -40,7 +41,7 @@ def test_memory_of_order_three_holds_the_last_three_options():
 
 
 def test_values_of_order_two_depend_on_both_options(key):
-    agent = MOPG(value_order=2)
+    agent = Compiled(MOPG(value_order=2))
     params = agent.init(key, O, A).params
     obs = jax.random.normal(key, (B, O))
     options, memory = jnp.array([0, 1, 2]), jnp.array([3, 2, 1])
@@ -55,7 +56,7 @@ def test_values_of_order_two_depend_on_both_options(key):
 
 @pytest.mark.parametrize("form", ["similarity", "printed"])
 def test_parts_take_any_batch_shape(form, key):
-    agent = MOPG(master_policy=form)
+    agent = Compiled(MOPG(master_policy=form))
     params = random_params(agent, key)
     obs = jax.random.normal(key, (T, B, O))
     option = jax.random.randint(key, (T, B), 0, K)
@@ -82,7 +83,7 @@ def test_parts_take_any_batch_shape(form, key):
 def test_drawn_options_have_the_probabilities_stated(agent, key, params):
     obs = jnp.broadcast_to(jax.random.normal(key, (O,)), (8000, O))
     memory = jnp.full(8000, 2)
-    _, _, record = jax.jit(agent.act)(params, obs, memory, key)
+    _, _, record = agent.act(params, obs, memory, key)
     frequencies = np.bincount(agent.option_of(record), minlength=K) / 8000
     stated = agent.option_probs(params, obs[0], memory[0])
     np.testing.assert_allclose(frequencies, stated, atol=0.025)

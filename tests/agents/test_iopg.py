@@ -9,6 +9,7 @@ import pytest
 
 from hitmdp_jax.agents import IOPG
 from hitmdp_jax.agents.iopg import BeliefMemory
+from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     A,
     B,
@@ -23,7 +24,7 @@ from tests.agents.option_batches import (
 
 @pytest.fixture
 def agent():
-    return IOPG()
+    return Compiled(IOPG())
 
 
 @pytest.fixture
@@ -148,5 +149,5 @@ def test_a_perfect_baseline_leaves_no_loss(agent, params, batch):
     batch = batch.replace(reward=jnp.zeros((T, B)))
     critic = jax.tree.map(jnp.zeros_like, params["critic"])
     state = agent.init(jax.random.key(0), O, A).replace(params=params | {"critic": critic})
-    _, metrics = jax.jit(agent.update)(state, batch, jax.random.key(0))
+    _, metrics = agent.update(state, batch, jax.random.key(0))
     assert metrics["value_loss"] == 0

@@ -1,5 +1,7 @@
 """MOPG's targets and loss against their definitions, written as plain loops."""
 
+import functools
+
 import distrax
 import jax
 import jax.numpy as jnp
@@ -10,7 +12,8 @@ from hitmdp_jax.agents import MOPG
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.networks import OptionEncoder
-from tests.agents.option_batches import flatten
+from tests.agents.compiled import Compiled
+from tests.agents.option_batches import flatten, random_params
 from tests.learning.test_advantages import advantages_by_loop
 
 T, B, O, A, K = 5, 3, 4, 2, 4  # noqa: E741
@@ -18,13 +21,17 @@ T, B, O, A, K = 5, 3, 4, 2, 4  # noqa: E741
 
 @pytest.fixture
 def params(key):
-    params = MOPG().init(key, O, A).params
     # Larger policy heads, so that options and actions differ by more than rounding.
-    return jax.tree.map(lambda x: x + 0.3 * jax.random.normal(key, x.shape), params)
+    return random_params(Compiled(MOPG()), key)
 
 
 @pytest.fixture
 def batch(key):
+    return random_batch(key)
+
+
+@jax.jit
+def random_batch(key):
     keys = jax.random.split(key, 8)
     option = jax.random.randint(keys[0], (T, B), 0, K)
     first = jax.random.randint(keys[1], (1, B), 0, K)
@@ -47,14 +54,19 @@ def batch(key):
 def master(agent, params, obs, previous):
     """P(o | s, o_{t-1}) of one state, straight from the encoder."""
     encoder = OptionEncoder(agent.master_policy, agent.hidden_sizes)
+    return np.asarray(master_of(encoder, params, obs, previous, agent.similarity))
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def master_of(encoder, params, obs, previous, similarity):
     logits = encoder.apply(
         {"params": params["encoder"]},
         obs[None],
-        jnp.array([previous]),
+        jnp.asarray(previous)[None],
         params["embeddings"],
-        agent.similarity,
+        similarity,
     )
-    return np.asarray(jax.nn.softmax(logits[0]))
+    return jax.nn.softmax(logits[0])
 
 
 def q_values(agent, params, obs):
@@ -69,7 +81,7 @@ def v_bar(agent, params, obs, previous):
 
 @pytest.mark.parametrize("form", ["similarity", "printed"])
 def test_both_advantages_equal_their_definitions(form, params, batch):
-    agent = MOPG(master_policy=form, entropy_weight=0.1)
+    agent = Compiled(MOPG(master_policy=form, entropy_weight=0.1))
     data, _ = agent.targets(params, batch)
     value, value_next, q, q_next = np.zeros((4, T, B))
     reward_option, reward_action = np.zeros((2, T, B))
@@ -106,7 +118,7 @@ def test_both_advantages_equal_their_definitions(form, params, batch):
 
 @pytest.mark.parametrize("choice", ["action", "usage", "previous"])
 def test_information_equals_brute_force(choice, params, batch):
-    agent = MOPG(mutual_information=choice)
+    agent = Compiled(MOPG(mutual_information=choice))
     log_option = agent.option_log_probs(params, batch.obs, batch.memory)
     result = agent.information(params, batch, log_option).ravel()
     flat = flatten(batch)
@@ -139,7 +151,7 @@ def test_information_equals_brute_force(choice, params, batch):
 
 
 def test_loss_at_the_old_policy_is_by_hand(params, batch):
-    agent = MOPG()
+    agent = Compiled(MOPG())
     data, _ = agent.targets(params, batch)
     q = agent.q(params, data["obs"], data["option"])
     data |= {
@@ -155,7 +167,7 @@ def test_loss_at_the_old_policy_is_by_hand(params, batch):
 
 def test_gradient_at_the_old_policy_is_the_policy_gradient(params, batch):
     """sum of A grad log pi over both policies (Thm 4.2, 4.3), by autodiff of the plain formula."""
-    agent = MOPG()
+    agent = Compiled(MOPG())
     data, _ = agent.targets(params, batch)
     q = agent.q(params, data["obs"], data["option"])
     data["q_target"] = q  # leaves no critic gradient
@@ -169,8 +181,8 @@ def test_gradient_at_the_old_policy_is_the_policy_gradient(params, batch):
             data["advantage_option"] * log_option + data["advantage_action"] * log_action
         )
 
-    expected = jax.grad(plain)(params)
-    result = jax.grad(lambda p: agent.loss(p, data)[0])(params)
+    expected = jax.jit(jax.grad(plain))(params)
+    result = jax.jit(jax.grad(lambda p: agent.loss(p, data)[0]))(params)
     for name in ("embeddings", "encoder", "decoder"):
         jax.tree.map(
             lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-4),

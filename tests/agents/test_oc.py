@@ -7,6 +7,7 @@ import pytest
 
 from hitmdp_jax.agents import OC
 from hitmdp_jax.learning.options import OptionMemory
+from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     A,
     B,
@@ -20,7 +21,7 @@ from tests.agents.option_batches import (
 
 @pytest.fixture
 def agent():
-    return OC()
+    return Compiled(OC())
 
 
 @pytest.fixture
@@ -37,7 +38,7 @@ def test_the_master_is_epsilon_greedy(agent, params, key):
 
 
 def test_a_greedy_master_has_finite_metrics(params, key):
-    metrics = OC(epsilon=0.0).targets(params, random_batch(key))[1]
+    metrics = Compiled(OC(epsilon=0.0)).targets(params, random_batch(key))[1]
     assert all(np.isfinite(x).all() for x in metrics.values())
 
 
@@ -91,12 +92,11 @@ def test_gradient_is_the_option_critics(agent, params, data):
 
 
 def test_the_target_network_is_copied_when_due(key):
-    agent = OC(target_period=3 * T)
-    update = jax.jit(agent.update)
+    agent = Compiled(OC(target_period=3 * T))
     state, batch = agent.init(key, O, A), random_batch(key)
     first = state.params
     for expected_age in (T, 2 * T, 0):
-        state, _ = update(state, batch, key)
+        state, _ = agent.update(state, batch, key)
         assert state.extra.age == expected_age
         copied = state.params if expected_age == 0 else first
         jax.tree.map(np.testing.assert_array_equal, state.extra.params, copied)
@@ -108,6 +108,6 @@ def test_returns_bootstrap_from_the_target_network(agent, params, key):
     state = agent.init(key, O, A)
     other = state.replace(extra=state.extra.replace(params=params))
     for gamma, same in ((0.0, True), (0.99, False)):
-        update = jax.jit(agent.replace(gamma=gamma).update)
+        update = agent.replace(gamma=gamma).update
         losses = [update(s, batch, key)[1]["value_loss"] for s in (state, other)]
         assert np.isclose(*losses, rtol=1e-6) == same

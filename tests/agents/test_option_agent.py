@@ -7,6 +7,7 @@ import pytest
 
 from hitmdp_jax.agents import AHP, DAC, PPOC
 from hitmdp_jax.learning.options import OptionMemory
+from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     A,
     B,
@@ -30,12 +31,12 @@ def with_termination(params, logit):
 
 @pytest.fixture
 def params(key):
-    return random_params(DAC(), key)
+    return random_params(Compiled(DAC()), key)
 
 
 @pytest.fixture(params=[DAC, AHP, PPOC])
 def agent(request):
-    return request.param()
+    return Compiled(request.param())
 
 
 def draw(agent, initial, logit, key):
@@ -43,7 +44,7 @@ def draw(agent, initial, logit, key):
     params = with_termination(random_params(agent, key), logit)
     memory = OptionMemory(jnp.arange(N) % K, jnp.full(N, initial))
     obs = jnp.broadcast_to(jax.random.normal(key, (O,)), (N, O))
-    _, new_memory, _ = jax.jit(agent.act)(params, obs, memory, key)
+    _, new_memory, _ = agent.act(params, obs, memory, key)
     assert not new_memory.initial.any()
     master = jnp.exp(agent.heads(params, obs[0]).log_master)
     return np.asarray(new_memory.previous), np.asarray(memory.previous), np.asarray(master)
@@ -65,7 +66,7 @@ def test_the_master_chooses_an_episodes_first_option(agent, key):
 
 
 def test_values_of_both_augmented_mdps_equal_their_definitions(params, key):
-    agent, batch = DAC(), random_batch(key)
+    agent, batch = Compiled(DAC()), random_batch(key)
     data, values = agent.targets(params, batch)[0], agent.values(params, batch)
     for t in range(T):
         for b in range(B):
@@ -89,7 +90,7 @@ def test_values_of_both_augmented_mdps_equal_their_definitions(params, key):
 
 
 def test_hidden_sizes_and_activation_shape_every_body(key):
-    agent = DAC(hidden_sizes=(8,), activation="relu", num_options=3)
+    agent = Compiled(DAC(hidden_sizes=(8,), activation="relu", num_options=3))
     params = agent.init(key, O, A).params
     assert params["policies"]["body"]["input_0"]["kernel"].shape == (3, O, 8)
     assert params["critic"]["output"]["kernel"].shape == (8, 3)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hitmdp_jax.agents import PPOC
+from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     B,
     T,
@@ -19,7 +20,7 @@ from tests.agents.option_batches import (
 
 @pytest.fixture
 def agent():
-    return PPOC()
+    return Compiled(PPOC())
 
 
 @pytest.fixture

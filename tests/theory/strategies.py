@@ -1,4 +1,7 @@
-"""Random finite models for hypothesis, edge cases included, and fixed ones by seed."""
+"""Random finite models for hypothesis, edge cases included, and fixed ones by seed.
+
+Both kinds have arrays of the same shapes and types, so that they share compiled programs.
+"""
 
 import hypothesis.extra.numpy as hnp
 import hypothesis.strategies as st
@@ -9,6 +12,7 @@ from hypothesis import settings
 from hitmdp_jax.theory import HiTMDP, OptionModel
 
 SHAPE = (2, 3, 4)  # (S, K, A), all different; one shape, because each is compiled anew
+ENTROPIES = ("option_entropy", "action_entropy")
 TINY = (2, 2, 2)  # small enough to enumerate trajectories
 
 few = settings(max_examples=25, deadline=None, database=None)
@@ -82,7 +86,7 @@ def random_option_model(seed=0, shape=SHAPE, gamma=0.9):
         master=jnp.asarray(rng.dirichlet(np.ones(k), s)),
         termination=jnp.asarray(rng.uniform(size=(k, s))),
         action=jnp.asarray(rng.dirichlet(np.ones(a), (k, s))),
-        gamma=gamma,
+        gamma=jnp.asarray(gamma),
     )
 
 
@@ -90,11 +94,14 @@ def random_hit_mdp(seed=0, shape=SHAPE, gamma=0.9, **soft):
     """Return a HiT-MDP without zeros."""
     s, k, a = shape
     rng = np.random.default_rng(seed)
+    weights = {name: jnp.asarray(soft.pop(name, 0.0)) for name in ENTROPIES}
     return HiTMDP(
         transition=jnp.asarray(rng.dirichlet(np.ones(s), (s, a))),
         reward=jnp.asarray(rng.normal(size=(s, a))),
         master=jnp.asarray(rng.dirichlet(np.ones(k), (s, k))),
         action=jnp.asarray(rng.dirichlet(np.ones(a), (k, s))),
-        gamma=gamma,
+        gamma=jnp.asarray(gamma),
+        information=soft.pop("information", jnp.zeros((s, k, k, a))),
+        **weights,
         **soft,
     )

@@ -1,3 +1,4 @@
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,12 +10,14 @@ from hitmdp_jax.theory import deep_value, hidden_values, remembered
 from .strategies import SHAPE, few, hit_mdps, random_hit_mdp
 
 _, K, _ = SHAPE
+solve = jax.jit(hidden_values)
+deep = jax.jit(deep_value, static_argnums=1)
 
 
 @few
 @given(hit_mdps())
 def test_order_one_is_v_bar(hit):
-    np.testing.assert_allclose(deep_value(hit, 1), hidden_values(hit).v_bar, atol=1e-9)
+    np.testing.assert_allclose(deep(hit, 1), solve(hit).v_bar, atol=1e-9)
 
 
 @pytest.mark.parametrize("order", [2, 3])
@@ -22,8 +25,8 @@ def test_older_options_say_nothing_more(order):
     """E[G | s, o_{t-1}, o_{t-2}, ...] = V-bar[s, o_{t-1}]: the older ones are screened off."""
     hit = random_hit_mdp(seed=1)
     newest = jnp.arange(K**order) % K
-    expected = hidden_values(hit).v_bar[:, newest]
-    np.testing.assert_allclose(deep_value(hit, order), expected, atol=1e-10)
+    expected = solve(hit).v_bar[:, newest]
+    np.testing.assert_allclose(deep(hit, order), expected, atol=1e-10)
 
 
 def test_memories_are_those_of_the_agent():

@@ -59,6 +59,12 @@ def softmax_autodiff(logits, hit, start):
     return jax.grad(lambda x: objective(softmax(x, hit), start))(logits)
 
 
+@jax.jit
+def through_softmax(logits, gradient):
+    _, pull_back = jax.vjp(lambda x: tuple(jax.nn.softmax(y) for y in x), logits)
+    return pull_back(gradient)[0]
+
+
 def softmax(logits, hit):
     master, action = (jax.nn.softmax(x) for x in logits)
     return dataclasses.replace(hit, master=master, action=action)
@@ -84,8 +90,7 @@ def test_gradient_of_softmax_policies_is_autodiffs(drawn):
     hit, start = drawn
     logits = jnp.log(hit.master), jnp.log(hit.action)
     gradient = both_formulas(hit, start)
-    _, pull_back = jax.vjp(lambda x: tuple(jax.nn.softmax(y) for y in x), logits)
-    (formula,) = pull_back((gradient.master, gradient.action))
+    formula = through_softmax(logits, (gradient.master, gradient.action))
     expected = softmax_autodiff(logits, hit, start)
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, **EXACT), formula, expected)
 
@@ -136,7 +141,7 @@ def test_pointwise_information_may_be_held_constant(choice):
         return dataclasses.replace(model, information=information)
 
     logits = jnp.log(hit.master), jnp.log(hit.action)
-    held = with_information(logits).information
+    held = jax.jit(with_information)(logits).information
     through = jax.jit(jax.grad(lambda x: objective(with_information(x), start)))(logits)
     constant = softmax_autodiff(logits, dataclasses.replace(hit, information=held), start)
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, **EXACT), through, constant)
@@ -182,6 +187,7 @@ def test_eq_14_with_the_entropy_inside_the_product_still_misses_its_gradient():
     assert right[0, 0, 0] < -0.1
 
 
+@jax.jit
 def expected_advantage(hit, delta, gae_lambda):
     """The mean GAE(lambda) of delta [S, K_prev, K], [S, K_prev, K]."""
     moves = jnp.einsum("osa,sat->sot", hit.action, hit.transition)

@@ -18,11 +18,14 @@ from hitmdp_jax.theory import (
 
 from .strategies import few, option_models, random_option_model
 
+sample = jax.jit(sample_option_model, static_argnums=(1, 2, 3))
+markovian = jax.jit(markovian_master_policy)
+
 
 @few
 @given(option_models())
 def test_eq_22_is_a_distribution_and_agrees_with_a_loop(model):
-    policy = np.asarray(markovian_master_policy(model))
+    policy = np.asarray(markovian(model))
     num_states, num_options = model.master.shape
     for s in range(num_states):
         for before in range(num_options):
@@ -45,7 +48,7 @@ def test_mixture_master_policy_goes_on_or_picks_anew():
 @given(option_models())
 def test_an_smdp_persists_with_trace_at_least_one(model):
     # sum_k (1 - beta_k) + beta_k mu_k = K - sum_k beta_k (1 - mu_k) >= K - (K - 1)
-    trace = jnp.trace(markovian_master_policy(model), axis1=1, axis2=2)
+    trace = jnp.trace(markovian(model), axis1=1, axis2=2)
     assert float(trace.min()) >= 1 - 1e-12
     alternation = jnp.eye(2)[::-1]
     assert jnp.trace(alternation) == 0  # so this HiT-MDP master policy is no SMDP's
@@ -76,7 +79,7 @@ def test_check_accepts_a_valid_model():
 
 @pytest.mark.parametrize("concentration", [0.1, 1.0])
 def test_sampled_models_are_valid(key, concentration):
-    model = check(sample_option_model(key, 5, 3, 2, 0.9, concentration))
+    model = check(sample(key, 5, 3, 2, 0.9, concentration))
     assert {x.dtype for x in jax.tree.leaves(model)[:-1]} == {jnp.dtype("float64")}
 
 

@@ -1,6 +1,7 @@
 """The loss of `agents/mopg.py` with tabular policies, against the exact gradients."""
 
 import dataclasses
+import functools
 
 import distrax
 import jax
@@ -67,6 +68,7 @@ def surrogate_gradient(params, data):
     return {name: gradient[name] for name in ("master", "action")}
 
 
+@jax.jit
 def limit_of_many_samples(hit, start, advantage_option, advantage_action):
     """Every (s, o_prev, o, a) once, its advantages weighted by how often samples have it."""
     visited = (1 - hit.gamma) * visit(hit, start)
@@ -122,7 +124,7 @@ def test_entropy_in_the_reward_lacks_the_gradient_of_the_entropy_at_hand():
         return 0.3 * (option_entropy + action_entropy)
 
     policies = {name: as_params(hit)[name] for name in ("master", "action")}
-    missing, exact = jax.grad(bonus)(policies), exact_gradient(hit, start)
+    missing, exact = jax.jit(jax.grad(bonus))(policies), exact_gradient(hit, start)
     for name in ("master", "action"):
         np.testing.assert_allclose(gradient[name] + missing[name], exact[name], atol=1e-10)
         assert np.abs(missing[name]).max() > 1e-3
@@ -148,6 +150,7 @@ def test_mopg_targets_and_loss_estimate_the_exact_gradient_from_samples():
         assert tolerance < 0.25 * np.abs(exact[name]).max()
 
 
+@functools.partial(jax.jit, static_argnames="count")
 def draw_steps(hit: HiTMDP, start, count, seed=0) -> Batch:
     """Draw single steps [1, count] from the discounted visits."""
     visited = (1 - hit.gamma) * visit(hit, start)
@@ -175,6 +178,7 @@ def draw_steps(hit: HiTMDP, start, count, seed=0) -> Batch:
     )
 
 
+@functools.partial(jax.jit, static_argnames="option")
 def raw_advantage(hit, batch, option):
     """The one-step advantages before they are standardised."""
     values = solve(hit)

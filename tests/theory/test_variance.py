@@ -43,6 +43,7 @@ solve_hidden = jax.jit(hidden_values)
 moment = jax.jit(return_second_moment)
 visited_at = jax.jit(visits)
 probable = jax.jit(hit_mdp_probability)
+probable_smdp = jax.jit(smdp_probability)
 
 
 @few
@@ -52,7 +53,7 @@ def test_proposition_3_4_v_bar_is_unbiased_for_the_mean_return_of_visits(drawn):
     model, start = drawn
     hit, values = hit_mdp(model), solve(model)
     tau = enumerate_trajectories(*TINY, 3)
-    probability = smdp_probability(model, first_option(hit, start), tau)
+    probability = probable_smdp(model, first_option(hit, start), tau)
     worth = values.q_option[tau.state[:, 2], tau.option[:, 2]]
     belief = previous_option_belief(visited_at(hit, start, 2))
     unbiased = expected_value(values.v_bar, belief)
