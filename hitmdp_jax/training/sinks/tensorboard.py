@@ -34,6 +34,7 @@ class TensorboardSink:
                 self._events.add_scalar(f"{name}/mean", known.mean(), env_steps)
                 if len(x) > 1:
                     self._events.add_scalar(f"{name}/std", known.std(), env_steps)
+        self._events.flush()  # a killed run leaves what its checkpoint says was done
 
     def close(self) -> None:
         """Flush the events."""

@@ -28,3 +28,12 @@ def test_resuming_keeps_the_points_before_and_repeats_none(tmp_path):
     sink.close()
     events = EventAccumulator(str(tmp_path)).Reload()
     assert [e.step for e in events.Scalars("a_metric/mean")] == [2048 * i for i in (1, 2, 3, 4)]
+
+
+def test_a_point_is_on_disk_once_it_is_written(tmp_path):
+    """Nobody closes the events of a killed run."""
+    sink = TensorboardSink(tmp_path)
+    sink.write(1, 2048, METRICS)
+    events = EventAccumulator(str(tmp_path)).Reload()
+    assert [e.step for e in events.Scalars("a_metric/mean")] == [2048]
+    sink.close()
