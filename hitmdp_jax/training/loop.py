@@ -124,6 +124,7 @@ def iterate(
         reporter.take(progress, metrics)
         if progress.iteration % per_checkpoint == 0 or checkpoints.due():
             reporter.flush()  # first the row, then the checkpoint that says it is there
+            reporter.sinks.flush()
             checkpoints.save(progress, reporter.recent_return)
     reporter.flush()
 
@@ -138,7 +139,7 @@ class Reporter:
     """
 
     def __init__(self, run: Run, sinks: Sinks, hooks: Sequence[Hook]):
-        self._run, self._sinks, self._hooks = run, sinks, hooks
+        self._run, self.sinks, self._hooks = run, sinks, hooks
         self._pending: tuple[int, dict[str, Any]] | None = None
         # Single reports come in bunches where the device runs ahead; a window's speed is steady.
         self._times = deque([time.perf_counter()], maxlen=SPEED_WINDOW)
@@ -168,7 +169,7 @@ class Reporter:
         values["steps_per_second"] = np.full(config.seeds, speed)
         known = values["recent_return"][~np.isnan(values["recent_return"])]
         self.recent_return = float(known.mean()) if known.size else float("nan")
-        self._sinks.write(iteration, config.steps_after(iteration), values)
+        self.sinks.write(iteration, config.steps_after(iteration), values)
 
 
 def outcome(run: Run, progress: Progress, stop: StopRequest, checkpoints: Checkpoints) -> Outcome:

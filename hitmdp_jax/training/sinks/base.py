@@ -1,7 +1,7 @@
 """What every place that metrics go to has in common."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +16,10 @@ class Sink(Protocol):
 
     def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
         """Take the metrics of one report, which ends with `iteration`, counted from 1."""
+        ...
+
+    def flush(self) -> None:
+        """Make sure that what was written outlives this process."""
         ...
 
     def close(self) -> None:
@@ -33,18 +37,21 @@ class Sinks:
 
     def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
         """Hand the metrics on."""
-        for sink in list(self._sinks):
-            try:
-                sink.write(iteration, env_steps, metrics)
-            except Exception as error:  # a full disk, a closed terminal, a server that is gone
-                self._leave_out(sink, error)
+        self._each(lambda sink: sink.write(iteration, env_steps, metrics))
+
+    def flush(self) -> None:
+        """Flush every sink."""
+        self._each(lambda sink: sink.flush())
 
     def close(self) -> None:
         """Close every sink."""
+        self._each(lambda sink: sink.close())
+
+    def _each(self, action: Callable[[Sink], None]) -> None:
         for sink in list(self._sinks):
             try:
-                sink.close()
-            except Exception as error:
+                action(sink)
+            except Exception as error:  # a full disk, a closed terminal, a server that is gone
                 self._leave_out(sink, error)
 
     def _leave_out(self, sink: Sink, error: Exception) -> None:

@@ -52,6 +52,9 @@ class CsvSink:
             self._csv.writerow((iteration, env_steps, self._first_seed + i, *values))
         self._file.flush()
 
+    def flush(self) -> None:
+        """Nothing is left to do: every write is flushed."""
+
     def close(self) -> None:
         """Close the file."""
         self._file.close()

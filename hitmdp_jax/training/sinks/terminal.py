@@ -76,6 +76,9 @@ class TerminalSink:
             facts = "  ".join(f"{name} {value}" for name, value in self._facts())
             self.message(f"{env_steps:,} of {self._total_steps:,} env steps  {facts}")
 
+    def flush(self) -> None:
+        """Nothing is kept back."""
+
     def close(self) -> None:
         """Leave the last picture standing."""
         self._live.stop()

@@ -65,6 +65,9 @@ class WandbSink:
                     points[name] = float(known.mean())
             run.log(points, step=env_steps, commit=True)
 
+    def flush(self) -> None:
+        """Nothing to do: the client's own process outlives this one."""
+
     def close(self) -> None:
         """Finish the runs."""
         for run in self._runs:

