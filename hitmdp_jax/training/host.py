@@ -17,11 +17,11 @@ THREADS_PER_CORE = 4
 def set_up_host(physics: str, num_envs: int, seeds: int = 1) -> None:
     """Present the cores as devices, keep what is compiled, and make sure that nothing hangs.
 
-    In jaxlib 0.10 two things block a thread of XLA's pool until other threads have done their work:
-    a large batch of Cholesky factorisations, of which MJX's solver consists, and a callback to the
-    host, `physics=native`, with large arguments. There are as many threads as cores, so as many of
-    these at once wait for one another for ever. `NPROC` is how many cores XLA believes in. More
-    threads cost a fifth to a third of the speed, so only runs that need them get them.
+    In jaxlib 0.10 a large batch of Cholesky factorisations, of which MJX's solver consists, blocks
+    a thread of XLA's pool until other threads have done its work. There are as many threads as
+    cores, so as many of these at once wait for one another for ever. `NPROC` is how many cores XLA
+    believes in. More threads cost a fifth to a third of the speed, so only runs that need them get
+    them.
 
     Args:
       physics: the engine, which knows how many rows are safe (`Engine.safe_rows`).

@@ -39,15 +39,6 @@ def test_large_batches_of_factorisations_do_not_hang():
     assert int(out.stdout) == available_cores()
 
 
-@pytest.mark.timeout(300)
-def test_large_callbacks_of_two_devices_do_not_hang(tmp_path):
-    """Walkers compute derived fields where they start, hundreds at a time for each device."""
-    settings = "env=dmc/walker_squat physics=native algo=ppo algo.num_epochs=1 seeds=4"
-    total = "total_steps=60_000"  # with as many threads as cores, two runs of three hung
-    run([sys.executable, "train.py", *settings.split(), total, f"run_dir={tmp_path}"])
-    assert (tmp_path / "checkpoints").exists()
-
-
 @pytest.mark.slow
 def test_thousands_of_mjx_environments_train(tmp_path):
     settings = "env=halfcheetah num_envs=4096 rollout_length=2 total_steps=8192 algo.num_epochs=1"

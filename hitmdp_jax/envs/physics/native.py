@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import hashlib
 import threading
 from collections.abc import Sequence
 from typing import ClassVar
@@ -12,6 +13,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
+from hitmdp_jax.envs.physics import host_call
 from hitmdp_jax.envs.physics.base import Engine, PhysicsState, beyond_limits, blank_state
 from hitmdp_jax.errors import out_of_domain
 from hitmdp_jax.machine import available_cores
@@ -43,8 +45,6 @@ class NativeEngine(Engine):
     """
 
     name: ClassVar[str] = "native"
-    # Rows of a humanoid in the 100 KiB of arguments that XLA copies without waiting for a thread.
-    safe_rows: ClassVar[int | None] = 256
 
     num_threads: int = 0
 
@@ -69,7 +69,7 @@ class NativeEngine(Engine):
 
 
 class NativePhysics:
-    """Implements `Physics` with `mujoco.batch.Batch` behind a `pure_callback`.
+    """Implements `Physics` with `mujoco.batch.Batch`, called from inside the program (`host_call`).
 
     The simulations' state lives in JAX arrays alone; the host holds no state between calls, so
     programs that step it stay pure, can be saved exactly and map over seeds and environments: every
@@ -106,6 +106,13 @@ class NativePhysics:
         self._field_shapes = {f: np.shape(getattr(blank, f)) for f in self._fields}
         self._idle: dict[int, list[_Pool]] = {}
         self._lock = threading.Lock()
+        # Programs are kept in the compilation cache: the names must tell models apart.
+        settings = (frame_skip, self._fields, current_fields, self.num_threads)
+        content = _bytes_of(model) + repr(settings).encode()
+        self._key = f"hitmdp_jax.native.{hashlib.sha256(content).hexdigest()}"
+        self._functions = {w: functools.partial(self._on_host, w) for w in ("forward", "step")}
+        for what, function in self._functions.items():
+            host_call.register(f"{self._key}.{what}", function)
 
     def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
         """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""
@@ -120,12 +127,7 @@ class NativePhysics:
         nq, nv = self.model.nq, self.model.nv
         sizes = [nq, nv, nv, nq, 1, *(int(np.prod(s)) for s in self._field_shapes.values())]
         packed = jnp.concatenate([state.qpos, state.qvel, state.qacc_warmstart, state.ctrl])
-        out = jax.pure_callback(
-            functools.partial(self._on_host, what),
-            jax.ShapeDtypeStruct((sum(sizes),), jnp.float32),
-            packed,
-            vmap_method="broadcast_all",
-        )
+        out = host_call.call(f"{self._key}.{what}", packed, sum(sizes), self._functions[what])
         parts = jnp.split(out, np.cumsum(sizes)[:-1])
         state = state.replace(
             qpos=parts[0],
@@ -140,13 +142,10 @@ class NativePhysics:
         # MuJoCo warns of what it finds at the start of a substep; the last one's end is seen here.
         return state.replace(unstable=(parts[4][0] > 0) | beyond_limits(state))
 
-    def _on_host(self, what: str, packed: jax.Array) -> np.ndarray:
-        rows = np.asarray(packed)
-        batch_shape = rows.shape[:-1]
-        rows = rows.reshape(-1, rows.shape[-1])
+    def _on_host(self, what: str, rows: np.ndarray, out: np.ndarray) -> None:
         pool = self._borrow(len(rows))
         try:
-            return pool.run(what, rows).reshape(*batch_shape, -1)
+            pool.run(what, rows, out)
         finally:
             self._give_back(pool)
 
@@ -168,6 +167,12 @@ class NativePhysics:
     def _give_back(self, pool: "_Pool") -> None:
         with self._lock:
             self._idle[pool.num_rows].append(pool)
+
+
+def _bytes_of(model: mujoco.MjModel) -> bytes:
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()
 
 
 class _Pool:
@@ -200,8 +205,8 @@ class _Pool:
             self._forces[f] if f in self._forces else self._batch.bind(f) for f in fields
         ]
 
-    def run(self, what: str, rows: np.ndarray) -> np.ndarray:
-        """Run "step" or "forward" from packed states and return the packed result."""
+    def run(self, what: str, rows: np.ndarray, out: np.ndarray) -> None:
+        """Run "step" or "forward" from packed states into the packed result."""
         column = 0
         for bound in self._inputs:
             bound[:] = rows[:, column : column + bound.shape[1]]
@@ -228,7 +233,7 @@ class _Pool:
         # The displacement is taken in float64: a velocity is a small difference of positions.
         outputs = [qpos, qvel, warmstart, qpos - before, unstable[:, None]]
         outputs += [output.reshape(self.num_rows, -1) for output in self._outputs]
-        return np.concatenate(outputs, axis=1, dtype=np.float32)
+        np.concatenate(outputs, axis=1, out=out, casting="same_kind")
 
     def _update_forces(self) -> None:
         """Run mj_rnePostConstraint on each simulation as the last substep left it.
