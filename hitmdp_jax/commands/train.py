@@ -39,6 +39,7 @@ from hitmdp_jax.training.interrupt import InterruptedRunError
 RESUMABLE = ("resume", "total_steps")  # what may stand on a command line that resumes a run
 MULTIRUN = ("-m", "--multirun")
 FLAGS = (*MULTIRUN, "-h", "--help", "--hydra-help", "--version", "--cfg=job", "--cfg=all", "--info")
+SHOWN = 10  # settings of a sweep, the best; sweep.csv has all
 DIVERGED = 3  # the exit code of a run in which a seed was lost
 
 
@@ -129,11 +130,13 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
 
 def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
     """Train, draw what was learned and say how it ended."""
+    from hitmdp_jax.analysis import tables
     from hitmdp_jax.analysis.figures import draw_figures
+    from hitmdp_jax.analysis.sweeps import draw_sweep
     from hitmdp_jax.commands.evaluate import Evaluation
     from hitmdp_jax.training import loop
 
-    set_up_host(config.physics, config.num_envs, config.seeds)
+    set_up_host(config.physics, config.num_envs, len(config.trainings))
     hooks = [Evaluation(config, run_dir)] if config.eval_every else []
     try:
         outcome = loop.run(config, run_dir, resume=resume, hooks=hooks)
@@ -145,13 +148,16 @@ def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
     if outcome.failure:
         raise UsageError(f"The last state is not saved: {outcome.failure}")
     try:
-        draw_figures(run_dir, config.title, config.switch_at)
+        if config.sweep:
+            tables.show(draw_sweep(run_dir, config)[: 1 + SHOWN])
+        else:
+            draw_figures(run_dir, config.title, config.switch_at)
     except OSError as error:
         print(f"warning: the figures could not be written: {error.strerror}", file=sys.stderr)
-    for seed, (iteration, cause) in outcome.diverged.items():
+    for training, (iteration, cause) in outcome.diverged.items():
         print(
-            f"seed {seed} diverged at iteration {iteration}: its {cause} were no longer finite; it "
-            "keeps what it had learned before.",
+            f"{training.name} diverged at iteration {iteration}: its {cause} were no longer "
+            "finite; it keeps what it had learned before.",
             file=sys.stderr,
         )
     if outcome.signum:
