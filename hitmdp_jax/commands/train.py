@@ -64,7 +64,8 @@ def main() -> None:
 
     codes = [0]
 
-    def job(values: DictConfig) -> None:
+    def job(values: DictConfig) -> float | None:
+        """Train one job; return its final return, which a sweeper such as Optuna's maximises."""
         plain: Any = OmegaConf.to_container(values, resolve=True)
         hydra_config = HydraConfig.get()
         names = hydra_config.overrides.task
@@ -76,10 +77,20 @@ def main() -> None:
         guarded(lambda: codes.append(train(plain, given, go_on=bool(swept))))
         if codes[-1] > 128:
             sys.exit(codes[-1])  # who stops one job means the sweep
+        return final_return(Path(plain["run_dir"])) if swept else None
 
     sys.argv = [sys.argv[0], *flags, *overrides]
     run = hydra.main(version_base="1.3", config_path=str(configs()), config_name="config")(job)
     guarded(lambda: run() or max(codes))
+
+
+def final_return(run_dir: Path) -> float:
+    """Return the interquartile mean over a finished run's trainings of their final returns."""
+    from hitmdp_jax.analysis.comparison import final_returns
+    from hitmdp_jax.analysis.figures import read_metrics
+    from hitmdp_jax.analysis.statistics import interquartile_mean
+
+    return float(interquartile_mean(final_returns(read_metrics(run_dir))))
 
 
 def _sweep_folder(settings: Settings) -> Path:

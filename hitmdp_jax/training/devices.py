@@ -8,7 +8,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from hitmdp_jax.training.program import Init, Iterate, Swept, TrainState
+from hitmdp_jax.training.program import Hyperparameters, Init, Iterate, TrainState
 
 AXIS = "training"
 Device: TypeAlias = Any  # a jax.Device, which type checkers do not see as a class
@@ -33,19 +33,19 @@ def spread(init: Init, step: Iterate, devices: list[Device]) -> tuple[Init, Iter
     the trainings. Nothing crosses between devices.
 
     Args:
-      init: `init(key, swept) -> TrainState` of one training.
+      init: `init(key, hyperparameters) -> TrainState` of one training.
       step: `step(TrainState) -> (TrainState, metrics)` of one training.
       devices: where to run.
 
     Returns:
-      The same two functions of keys [R], swept values [R] and states [R, ...], which `place` laid
-      out over the devices.
+      The same two functions of keys [R], hyperparameters [R] and states [R, ...], which `place`
+      laid out over the devices.
     """
 
     # A training's initialisation is many small factorisations and runs once: one after another,
     # since batches of them can starve XLA's CPU thread pool for ever.
-    def inits(keys: jax.Array, swept: Swept) -> TrainState:
-        return jax.lax.map(lambda one: init(*one), (keys, swept))
+    def inits(keys: jax.Array, hyperparameters: Hyperparameters) -> TrainState:
+        return jax.lax.map(lambda one: init(*one), (keys, hyperparameters))
 
     functions = (inits, jax.vmap(step))
     if len(devices) == 1:

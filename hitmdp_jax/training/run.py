@@ -14,9 +14,9 @@ from hitmdp_jax.training.checkpoint import Checkpoints, Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.devices import Device, devices_for, place, spread
 from hitmdp_jax.training.program import (
+    Hyperparameters,
     Init,
     Iterate,
-    Swept,
     TrainState,
     make_train,
     repeat,
@@ -62,9 +62,15 @@ class Run:
         seeds = [training.seed for training in self.config.trainings]
         return jax.vmap(jax.random.key)(jnp.array(seeds, jnp.uint32))
 
-    def swept(self) -> Swept:
-        """Return the trainings' values [R] of what the run sweeps."""
-        return jax.tree.map(jnp.asarray, self.config.swept)
+    def hyperparameters(self) -> Hyperparameters:
+        """Return the trainings' float hyperparameters, [R] each.
+
+        They are the program's inputs rather than part of it: another value compiles nothing anew.
+        """
+        size = len(self.config.trainings)
+        leaves = jax.tree.leaves_with_path(self.agent)
+        own = {path[0].name: jnp.full(size, value) for path, value in leaves}
+        return own | jax.tree.map(jnp.asarray, self.config.swept)
 
     def begin(self, task: int, progress: Progress, init: Init) -> TrainState:
         """Return the state [R, ...] in which a run goes on with a task, on its devices.
@@ -75,18 +81,18 @@ class Run:
           init: the task's init of all trainings.
         """
         if progress.state is None:
-            return init(*place((self.keys(), self.swept()), self.devices))
+            return init(*place((self.keys(), self.hyperparameters()), self.devices))
         state = place(progress.state, self.devices)
         if progress.task == task:
             return state
         # The run's own key goes on splitting; another task's start must not repeat what it gives.
         keys = jax.vmap(jax.random.fold_in, in_axes=(0, None))(state.key, task)
-        return transfer(state, init(keys, state.swept))
+        return transfer(state, init(keys, state.hyperparameters))
 
     def abstract_state(self, task: int) -> TrainState:
         """Return the shapes and types of the state [R, ...] while the run is on a task."""
         init, _ = self.program(task)
-        return jax.eval_shape(lambda: jax.vmap(init)(self.keys(), self.swept()))
+        return jax.eval_shape(lambda: jax.vmap(init)(self.keys(), self.hyperparameters()))
 
     def own(self, tree: Any) -> Any:
         """Return the arrays [R, ...] of the run's trainings, without what `place` repeated."""
