@@ -60,14 +60,17 @@ class Run:
           progress: where the run stands.
           init: the task's init of all seeds.
         """
-        if progress.state is None:
-            return init(place(self.keys(), self.devices))
-        state = place(progress.state, self.devices)
-        if progress.task == task:
-            return state
-        # The run's own key goes on splitting; another task's start must not repeat what it gives.
-        keys = jax.vmap(jax.random.fold_in, in_axes=(0, None))(state.key, task)
-        return transfer(state, init(place(keys, self.devices)))
+        state = progress.state
+        if state is None:
+            state = init(place(self.keys(), self.devices))
+        elif progress.task != task:
+            state = place(state, self.devices)
+            # The run's own key goes on splitting; another task's start must not repeat what it
+            # gives.
+            keys = jax.vmap(jax.random.fold_in, in_axes=(0, None))(state.key, task)
+            state = transfer(state, init(place(keys, self.devices)))
+        # Laid out alike, fresh or restored: the program is one, and is compiled once for both.
+        return place(state, self.devices)
 
     def abstract_state(self, task: int) -> TrainState:
         """Return the shapes and types of the state [S, ...] while the run is on a task."""

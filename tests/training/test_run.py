@@ -83,6 +83,21 @@ def test_a_run_starts_from_its_keys_and_goes_on_where_it_was(run, inits, first):
     assert_same(run.begin(0, Progress(7, 0, first), inits[0]), first)
 
 
+@pytest.mark.parametrize("seeds", [1, 2])
+def test_a_restored_state_is_stepped_by_the_same_program(seeds):
+    """Or a run that goes on would be compiled once more."""
+    run = create(seeds=seeds)
+    init, step = run.programs(0)
+    first = run.begin(0, Progress(0, 0, None), init)
+    restored = jax.device_put(
+        jax.tree.map(np.asarray, first.replace(key=jax.random.key_data(first.key))),
+        jax.local_devices()[0],
+    )
+    restored = restored.replace(key=jax.random.wrap_key_data(restored.key))
+    again = run.begin(0, Progress(1, 0, restored), init)
+    assert step.lower(first).as_text() == step.lower(again).as_text()
+
+
 def test_a_transfer_keeps_what_was_learned_in_episodes_of_its_own(run, inits, first):
     learned = first.replace(iteration=np.full(2, 5, np.int32))
     state = run.begin(1, Progress(5, 0, learned), inits[1])
