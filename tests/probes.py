@@ -5,6 +5,8 @@ import jax.numpy as jnp
 from brax.envs.base import Env, State
 from flax import struct
 
+from hitmdp_jax.training.sweep import Training
+
 
 class Target(Env):
     """The observation is a number in [-1, 1]; the reward for action a is 1 - (a - x)^2.
@@ -74,3 +76,8 @@ class PlaygroundTarget:
         reward = 1.0 - jnp.square(action[0] - state.obs[0])
         metrics = {"reward/near": reward}
         return state.replace(reward=reward, done=jnp.ones(()), metrics=metrics)
+
+
+def trainings(count=2, first=0):
+    """Return the trainings of a run that sweeps nothing."""
+    return [Training(first + i, 0, {}) for i in range(count)]

@@ -5,6 +5,7 @@ process, in a folder whose files must all be as before; a row that would train f
 """
 
 import functools
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -594,12 +595,15 @@ def unchanged(workspace, monkeypatch):
 
 
 def contents(folder):
-    """Return every file's bytes, but for what Python and a lock leave behind."""
-    return {
-        path: path.read_bytes() if path.is_file() else None
-        for path in folder.rglob("*")
-        if "__pycache__" not in path.parts and path.name != ".lock"
-    }
+    """Return when every file was written, and its size; but for what Python and a lock leave."""
+    found = {}
+    for path, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if name != "__pycache__"]
+        found[path] = sorted(folders)
+        for name in set(files) - {".lock"}:
+            written = os.stat(os.path.join(path, name))
+            found[path, name] = written.st_mtime_ns, written.st_size
+    return found
 
 
 def assert_explained(command, arguments, part, monkeypatch, capsys):

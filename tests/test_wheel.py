@@ -24,31 +24,38 @@ def site(tmp_path_factory):
     return target
 
 
+# What a stranger types, one after another in one process: each start would import everything anew.
+COMMANDS = """
+import contextlib, io, runpy, sys
+import hitmdp_jax
+
+def run(name, *arguments):
+    sys.argv = [name, *arguments]
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        runpy.run_module(f"hitmdp_jax.{name}", run_name="__main__")
+    return out.getvalue()
+
+assert hitmdp_jax.__file__.startswith(sys.argv[1]), hitmdp_jax.__file__
+settings = "env=invertedpendulum algo=ppo physics=native algo.num_epochs=1 total_steps=2048"
+run("train", *settings.split(), "run_dir=a run")
+assert "± " not in run("evaluate", "a run", "--episodes", "2", "--json")
+hitmdp_jax.load("a run")
+assert "theory" in run("reproduce", "--help")
+print("done")
+"""
+
+
 @pytest.mark.timeout(600)
 def test_a_wheel_trains_evaluates_and_loads_in_an_empty_folder(site, tmp_path):
     assert {p.name for p in site.iterdir()} >= {"hitmdp_jax"}
     assert not (site / "tests").exists()
     cache = str(jax.config.jax_compilation_cache_dir)
-    environment = os.environ | {"PYTHONPATH": str(site), "JAX_COMPILATION_CACHE_DIR": cache}
-
-    def run(*arguments):
-        out = subprocess.run(
-            [sys.executable, *arguments],
-            cwd=tmp_path,
-            env=environment,
-            capture_output=True,
-            text=True,
-        )
-        assert out.returncode == 0, out.stderr
-        return out.stdout
-
-    code = "import hitmdp_jax; print(hitmdp_jax.__file__)"
-    assert str(site) in run("-c", code)
-    run(
-        "-m", "hitmdp_jax.train", "env=invertedpendulum", "algo=ppo", "physics=native",
-        "algo.num_epochs=1", "total_steps=2048", "run_dir=a run",
-    )  # fmt: skip
-    assert "± " not in run("-m", "hitmdp_jax.evaluate", "a run", "--episodes", "2", "--json")
-    run("-c", "import hitmdp_jax; hitmdp_jax.load('a run')")
-    out = run("-m", "hitmdp_jax.reproduce", "--help")
-    assert "theory" in out
+    out = subprocess.run(
+        [sys.executable, "-c", COMMANDS, str(site)],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(site), "JAX_COMPILATION_CACHE_DIR": cache},
+        capture_output=True,
+        text=True,
+    )
+    assert out.returncode == 0, out.stderr
+    assert out.stdout.endswith("done\n")

@@ -12,7 +12,8 @@ MIN_STD = 1e-4
 def initial_statistics(observation_size: int) -> RunningStatisticsState:
     """Return the statistics of no observation: mean 0, standard deviation 1."""
     statistics = running_statistics.init_state(jnp.zeros(observation_size))
-    return jax.tree.map(jnp.asarray, statistics)
+    # Brax's Python numbers take the types that a checkpoint gives them: one program serves both.
+    return jax.tree.map(lambda x: jnp.asarray(x, jnp.asarray(x).dtype), statistics)
 
 
 def update_statistics(statistics: RunningStatisticsState, obs: jax.Array) -> RunningStatisticsState:

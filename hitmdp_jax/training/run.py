@@ -69,7 +69,7 @@ class Run:
         """
         size = len(self.config.trainings)
         leaves = jax.tree.leaves_with_path(self.agent)
-        own = {path[0].name: jnp.full(size, value) for path, value in leaves}
+        own = {path[0].name: jnp.full(size, value, jnp.float32) for path, value in leaves}
         return own | jax.tree.map(jnp.asarray, self.config.swept)
 
     def begin(self, task: int, progress: Progress, init: Init) -> TrainState:
@@ -80,14 +80,17 @@ class Run:
           progress: where the run stands.
           init: the task's init of all trainings.
         """
-        if progress.state is None:
-            return init(*place((self.keys(), self.hyperparameters()), self.devices))
-        state = place(progress.state, self.devices)
-        if progress.task == task:
-            return state
-        # The run's own key goes on splitting; another task's start must not repeat what it gives.
-        keys = jax.vmap(jax.random.fold_in, in_axes=(0, None))(state.key, task)
-        return transfer(state, init(keys, state.hyperparameters))
+        state = progress.state
+        if state is None:
+            state = init(*place((self.keys(), self.hyperparameters()), self.devices))
+        elif progress.task != task:
+            state = place(state, self.devices)
+            # The run's own key goes on splitting; another task's start must not repeat what it
+            # gives.
+            keys = jax.vmap(jax.random.fold_in, in_axes=(0, None))(state.key, task)
+            state = transfer(state, init(place(keys, self.devices), state.hyperparameters))
+        # Laid out alike, fresh or restored: the program is one, and is compiled once for both.
+        return place(state, self.devices)
 
     def abstract_state(self, task: int) -> TrainState:
         """Return the shapes and types of the state [R, ...] while the run is on a task."""

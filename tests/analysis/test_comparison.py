@@ -4,19 +4,20 @@ import warnings
 import numpy as np
 import pytest
 
+from hitmdp_jax.analysis import tables
 from hitmdp_jax.analysis.comparison import (
     compare,
     comparison_figure,
     final_returns,
-    save_table,
     table,
 )
 from hitmdp_jax.training.sinks import CsvSink
+from tests.probes import trainings
 
 
 def write_run(folder, level):
     folder.mkdir()
-    sink = CsvSink(folder, first_seed=0)
+    sink = CsvSink(folder, trainings())
     for i in range(1, 101):
         known = np.array([i % 2, 1.0])
         values = {
@@ -48,7 +49,7 @@ def test_runs_are_compared(tmp_path):
     np.testing.assert_allclose(results[0].final_returns, [100.0, 110.0])
     assert results[1].iqm == pytest.approx(205.0)
     assert results[0].steps_per_second == 100.0
-    save_table(results, tmp_path)
+    tables.save(table(results), tmp_path, "comparison")
     with (tmp_path / "comparison.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["return"] for row in rows] == ["105.0", "205.0"]
@@ -61,7 +62,7 @@ def test_runs_are_compared(tmp_path):
 
 def test_a_single_seed_has_no_interval_and_a_silent_one_no_return(tmp_path):
     (tmp_path / "ppo").mkdir()
-    sink = CsvSink(tmp_path / "ppo", first_seed=0)
+    sink = CsvSink(tmp_path / "ppo", trainings(1))
     values = {"episode_return": np.nan, "episodes": 0.0, "steps_per_second": 50.0}
     sink.write(1, 2000, {name: np.array([x]) for name, x in values.items()})
     sink.close()

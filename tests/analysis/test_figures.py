@@ -11,10 +11,11 @@ from hitmdp_jax.analysis.figures import (
     window_sum,
 )
 from hitmdp_jax.training.sinks import CsvSink
+from tests.probes import trainings
 
 
 def write_run(folder, iterations=30, options=True):
-    sink = CsvSink(folder, first_seed=0)
+    sink = CsvSink(folder, trainings())
     for i in range(1, iterations + 1):
         metrics = {"episode_return": np.array([float(i), np.nan if i < 3 else 2.0 * i])}
         if options:

@@ -1,59 +1,106 @@
+import contextlib
 import csv
+import importlib
+import io
 import os
 import subprocess
 import sys
+import threading
 import time
+import traceback
 from pathlib import Path
 
 import jax
 import pytest
 
+from tests.signals import signals_heard
+
 CHECKOUT = Path(__file__).parents[2]
 QUICK = ("env=invertedpendulum", "physics=native", "algo=ppo", "algo.num_epochs=1")
 
 
-@pytest.fixture(scope="session")
-def environment(compilation_cache):
-    """The variables of a command line in a process of its own, which finds what is compiled."""
-    cache = str(jax.config.jax_compilation_cache_dir)
-    variables = {"JAX_COMPILATION_CACHE_DIR": cache, "COLUMNS": "200", "PYTHONPATH": str(CHECKOUT)}
-    return os.environ | variables
+@pytest.fixture(scope="package")
+def variables(compilation_cache):
+    """The variables of a process of its own, which finds what is compiled, however quickly."""
+    minimum = "jax_persistent_cache_min_compile_time_secs"
+    before = getattr(jax.config, minimum)
+    jax.config.update(minimum, 0.0)
+    yield {
+        "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir),
+        minimum.upper(): "0",
+        "PYTHONPATH": str(CHECKOUT),
+        "COLUMNS": "200",
+    }
+    jax.config.update(minimum, before)
 
 
-@pytest.fixture(scope="session")
-def command(environment, tmp_path_factory):
-    """Run `python -m hitmdp_jax.<name> ...` to its end in an empty folder, or `cwd`."""
+@pytest.fixture(scope="package")
+def command(variables, tmp_path_factory):
+    """Run `python -m hitmdp_jax.<name> ...` to its end in an empty folder, or `cwd`.
+
+    In this process: another one would take seconds to import what is imported here.
+    """
     folder = tmp_path_factory.mktemp("cwd")
 
-    def run(name, *arguments, cwd=folder, timeout=300, **variables):
-        return subprocess.run(
-            [sys.executable, "-m", f"hitmdp_jax.{name}", *map(str, arguments)],
-            cwd=cwd,
-            env=environment | variables,
-            capture_output=True,
-            text=True,
-            timeout=timeout,
-        )
+    def run(name, *arguments, cwd=folder):
+        module = importlib.import_module(f"hitmdp_jax.commands.{name}")
+        out, err = io.StringIO(), io.StringIO()
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+        ):
+            patch.setattr(sys, "argv", [name, *map(str, arguments)])
+            patch.setattr(threading, "excepthook", threading.excepthook)
+            # This process is set up already, as it can be only once.
+            patch.setattr(module, "set_up_host", lambda *args: None, raising=False)
+            for name_and_value in variables.items():
+                patch.setenv(*name_and_value)
+            patch.chdir(cwd)
+            code = exit_code_of(module.main)
+        return subprocess.CompletedProcess(name, code, out.getvalue(), err.getvalue())
 
     return run
 
 
+def exit_code_of(function):
+    """Call a function as Python calls a program; return the exit code."""
+    try:
+        function()
+    except SystemExit as stop:
+        return stop.code or 0
+    except Exception:
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+@pytest.fixture(scope="package")
+def launch(variables):
+    """Start `python -m hitmdp_jax.<name> ...` in a folder and return the process."""
+
+    def begin(name, *arguments, cwd):
+        with signals_heard():
+            return subprocess.Popen(
+                [sys.executable, "-m", f"hitmdp_jax.{name}", *map(str, arguments)],
+                cwd=cwd,
+                env=os.environ | variables,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+
+    return begin
+
+
 @pytest.fixture
-def start(environment, tmp_path):
-    """Start `python -m hitmdp_jax.<name> ...` and return the process."""
+def start(launch, tmp_path):
+    """Start `python -m hitmdp_jax.<name> ...`; it is killed at the end of the test."""
     processes = []
 
     def begin(name, *arguments):
-        process = subprocess.Popen(
-            [sys.executable, "-m", f"hitmdp_jax.{name}", *map(str, arguments)],
-            cwd=tmp_path,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        processes.append(process)
-        return process
+        processes.append(launch(name, *arguments, cwd=tmp_path))
+        return processes[-1]
 
     yield begin
     for process in processes:
@@ -61,15 +108,19 @@ def start(environment, tmp_path):
         process.communicate()
 
 
-@pytest.fixture(scope="session")
-def finished(command, tmp_path_factory):
-    """A finished run of two seeds, 3 and 4; tests leave it as it is."""
-    run_dir = tmp_path_factory.mktemp("runs") / "run"
-    mopg = ("env=invertedpendulum", "physics=native", "algo.num_epochs=1")
-    sizes = ("seeds=2", "seed=3", "total_steps=8192", "eval_every=4096", "eval_episodes=2")
-    result = command("train", *mopg, *sizes, f"run_dir={run_dir}")
-    assert result.returncode == 0, result.stderr
-    return run_dir, result
+@pytest.fixture(scope="package")
+def finished(launch, tmp_path_factory):
+    """A finished run of two seeds, 3 and 4, by a process of its own; tests leave it as it is."""
+    folder = tmp_path_factory.mktemp("runs")
+    run_dir = folder / "run"
+    process = launch("train", *FINISHED, "total_steps=8192", f"run_dir={run_dir}", cwd=folder)
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    return run_dir, subprocess.CompletedProcess(process.args, 0, out, err)
+
+
+FINISHED = ("env=invertedpendulum", "physics=native", "algo.num_epochs=1", "seeds=2", "seed=3")
+FINISHED += ("eval_every=4096", "eval_episodes=2")
 
 
 def rows_of(run_dir, name="metrics.csv"):
@@ -77,8 +128,8 @@ def rows_of(run_dir, name="metrics.csv"):
         return list(csv.DictReader(file))
 
 
-def wait_for_rows(process, run_dir, count):
-    """Wait until a run that is under way has written some rows."""
+def wait_for_rows(run_dir, count, process=None):
+    """Wait until a run that is under way, in a process where one is given, has written rows."""
     while not (run_dir / "metrics.csv").exists() or len(rows_of(run_dir)) < count:
-        assert process.poll() is None, process.communicate()
+        assert process is None or process.poll() is None, process.communicate()
         time.sleep(0.05)

@@ -6,16 +6,15 @@ import shutil
 import numpy as np
 import pytest
 
-from hitmdp_jax.commands import evaluate
 from tests.commands.conftest import rows_of
 
 
 @pytest.fixture
-def evaluated(monkeypatch, capsys):
+def evaluated(command):
     def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["evaluate", *map(str, arguments)])
-        evaluate.main()
-        return capsys.readouterr().out
+        result = command("evaluate", *arguments)
+        assert result.returncode == 0, result.stderr
+        return result.stdout
 
     return run
 

@@ -1,27 +1,17 @@
 """`python -m hitmdp_jax.reproduce` as a user runs it."""
 
 import signal
-import sys
 
 import jax
 import pytest
 
-from hitmdp_jax.commands import reproduce
 from hitmdp_jax.training.checkpoint import saved_iterations
 from tests.commands.conftest import rows_of, wait_for_rows
 
 
-@pytest.fixture
-def reproduced(monkeypatch):
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["reproduce", *map(str, arguments)])
-        reproduce.main()
-
-    return run
-
-
-def test_theory_writes_its_figures(reproduced, tmp_path):
-    reproduced("theory", "seed=1", f"run_dir={tmp_path / 'theory'}")
+def test_theory_writes_its_figures(command, tmp_path):
+    result = command("reproduce", "theory", "seed=1", f"run_dir={tmp_path / 'theory'}")
+    assert result.returncode == 0, result.stderr
     written = {path.name: path.stat().st_size for path in (tmp_path / "theory").iterdir()}
     assert set(written) == {"contraction.png", "variance.png"}
     assert all(10_000 < size < 150_000 for size in written.values())
@@ -39,13 +29,11 @@ def test_theory_writes_its_figures(reproduced, tmp_path):
         (["theory", f"run_dir={__file__}"], f"run_dir = {__file__} cannot be made"),
     ],
 )
-def test_bad_input_is_explained(reproduced, capsys, arguments, sentence):
-    with pytest.raises(SystemExit) as stopped:
-        reproduced(*arguments)
-    assert stopped.value.code == 2
-    errors = capsys.readouterr().err
-    assert errors.startswith(f"error: {sentence}")
-    assert errors.count("\n") == 1
+def test_bad_input_is_explained(command, arguments, sentence):
+    result = command("reproduce", *arguments)
+    assert result.returncode == 2
+    assert result.stderr.startswith(f"error: {sentence}")
+    assert result.stderr.count("\n") == 1
 
 
 @pytest.fixture(scope="module")
@@ -83,11 +71,11 @@ def test_a_run_of_other_settings_is_not_taken_for_this_one(compared, command):
     assert "holds a run with other settings (algo.gamma: 0.9 here, 0.99 there)" in other.stderr
 
 
-def test_ctrl_c_reaches_the_training_which_saves_and_goes_on_later(start, command, tmp_path):
+def test_ctrl_c_reaches_the_training_which_saves_and_goes_on_later(start, tmp_path):
     folder = tmp_path / "both"
     settings = (*COMPARE[:-1], "total_steps=400_000", f"run_dir={folder}")
     process = start("reproduce", *settings)
-    wait_for_rows(process, folder / "ppo", 3)
+    wait_for_rows(folder / "ppo", 3, process)
     process.send_signal(signal.SIGINT)
     out, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors

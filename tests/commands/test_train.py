@@ -1,10 +1,12 @@
 """`train.py` as a user runs it."""
 
 import json
+import os
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 
 import jax
 import numpy as np
@@ -14,7 +16,14 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from hitmdp_jax.training.checkpoint import Checkpoints, saved_iterations
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.run import Run
-from tests.commands.conftest import CHECKOUT, QUICK, rows_of, wait_for_rows
+from tests.commands.conftest import (
+    CHECKOUT,
+    FINISHED,
+    QUICK,
+    rows_of,
+    wait_for_rows,
+)
+from tests.signals import signals_heard
 
 
 def restore(run_dir):
@@ -83,9 +92,7 @@ def test_resuming_continues_exactly(command, finished, tmp_path):
     """8192 steps and 8192 more equal 16384 at once."""
     run_dir = shutil.copytree(finished[0], tmp_path / "run")
     whole = tmp_path / "whole"
-    settings = ("env=invertedpendulum", "physics=native", "algo.num_epochs=1", "seeds=2", "seed=3")
-    settings += ("eval_every=4096", "eval_episodes=2", "total_steps=16384", f"run_dir={whole}")
-    assert command("train", *settings).returncode == 0
+    assert command("train", *FINISHED, "total_steps=16384", f"run_dir={whole}").returncode == 0
     result = command("train", f"resume={run_dir}", "total_steps=16384")
     assert result.returncode == 0, result.stderr
     assert restore(run_dir).iteration == 8
@@ -137,19 +144,36 @@ def test_ten_seeds_finish(command, tmp_path):
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize(
-    ("signum", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
-)
-def test_a_signal_saves_what_was_learned(start, tmp_path, signum, code):
+def test_ctrl_c_saves_what_was_learned(start, tmp_path):
     run_dir = tmp_path / "run"
     process = start("train", *QUICK, "total_steps=1e9", f"run_dir={run_dir}")
-    wait_for_rows(process, run_dir, 3)
-    process.send_signal(signum)
+    wait_for_rows(run_dir, 3, process)
+    process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
-    assert process.returncode == code, err
-    assert "Stopped at" in out
-    assert f"resume={run_dir}" in out
-    assert "Traceback" not in err
+    assert_saved(subprocess.CompletedProcess(process.args, process.returncode, out, err), run_dir)
+    assert process.returncode == 130
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(("signum", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_other_signals_do_so_as_well(command, tmp_path, signum, code):
+    run_dir = tmp_path / "run"
+
+    def send():
+        wait_for_rows(run_dir, 3)
+        os.kill(os.getpid(), signum)
+
+    with signals_heard():
+        threading.Thread(target=send, daemon=True).start()
+        result = command("train", *QUICK, "total_steps=1e9", f"run_dir={run_dir}")
+    assert_saved(result, run_dir)
+    assert result.returncode == code
+
+
+def assert_saved(stopped, run_dir):
+    assert "Stopped at" in stopped.stdout
+    assert f"resume={run_dir}" in stopped.stdout
+    assert "Traceback" not in stopped.stderr
     steps = int(rows_of(run_dir)[-1]["env_steps"])
     assert max(saved_iterations(run_dir)) * 2048 == steps
 
@@ -158,7 +182,7 @@ def test_a_second_signal_stops_at_once(start, tmp_path):
     run_dir = tmp_path / "run"
     settings = (*QUICK, "total_steps=1e9", "checkpoint_steps=2048", f"run_dir={run_dir}")
     process = start("train", *settings)
-    wait_for_rows(process, run_dir, 4)
+    wait_for_rows(run_dir, 4, process)
     process.send_signal(signal.SIGINT)
     process.send_signal(signal.SIGTERM)
     process.communicate(timeout=10)
@@ -255,24 +279,18 @@ def test_errors_of_a_users_own_code_keep_their_traceback(command, tmp_path):
     assert "No module named 'nothing_of_that_name'" in result.stderr
 
 
-def test_only_the_cores_of_this_process_become_devices(environment, tmp_path):
-    code = (
-        "from hitmdp_jax.training.host import set_up_host; import jax; set_up_host('native', 16);"
-        "print(jax.local_device_count())"
-    )
-    command = ["taskset", "-c", "0", sys.executable, "-c", code]
-    result = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert result.stdout == "1\n", result.stderr
-
-
-def test_importing_is_quick_silent_and_free_of_effects():
+def test_importing_is_quick_silent_and_free_of_effects_and_set_up_heeds_the_cores(variables):
+    """In a process of its own, which may use one core."""
     code = (
         "import os, time; before = dict(os.environ); start = time.process_time();"
         "import hitmdp_jax; seconds = time.process_time() - start;"
-        "import jax._src.xla_bridge as bridge;"
+        "import jax, jax._src.xla_bridge as bridge;"
         "assert not bridge._backends, 'a device was touched';"
-        "assert dict(os.environ) == before; assert seconds < 4, seconds"
+        "assert dict(os.environ) == before; assert seconds < 4, seconds;"
+        "from hitmdp_jax.training.host import set_up_host; set_up_host('native', 16);"
+        "print(jax.local_device_count())"
     )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    command = ["taskset", "-c", "0", sys.executable, "-c", code]
+    result = subprocess.run(command, env=os.environ | variables, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
-    assert result.stdout == ""
+    assert result.stdout == "1\n"

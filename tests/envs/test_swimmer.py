@@ -8,7 +8,8 @@ def test_native_steps_as_gymnasium(version):
     assert_steps_agree("swimmer", version, "native")
 
 
-@pytest.mark.parametrize("version", [pytest.param("v4", marks=pytest.mark.slow), "v5"])
+@pytest.mark.slow  # half a minute to compile; by default, test_half_cheetah stands for MJX
+@pytest.mark.parametrize("version", ["v4", "v5"])
 def test_mjx_steps_as_gymnasium(version):
     assert_steps_agree("swimmer", version, "mjx", num_steps=1, tolerance=1e-3)
 

@@ -5,6 +5,14 @@ import time
 import pytest
 
 from hitmdp_jax.training.interrupt import SIGNALS, InterruptedRunError, StopRequest
+from tests.signals import signals_heard
+
+
+@pytest.fixture(autouse=True)
+def heard():
+    """Have the signals heard, which the tests' own caller may have ignored."""
+    with signals_heard():
+        yield
 
 
 @pytest.mark.parametrize("signum", SIGNALS)

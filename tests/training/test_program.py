@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hitmdp_jax
-from hitmdp_jax.agents import MOPG
+from hitmdp_jax.agents import MOPG, PPO
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.program import (
     CAUSES,
@@ -16,8 +16,9 @@ from hitmdp_jax.training.program import (
 )
 from tests.probes import Counter, PlaygroundTarget, Target
 
-AGENT = MOPG(num_epochs=2)
-SIZES = {"num_envs": 8, "rollout_length": 16}
+# The algorithm and the size that compile quickest.
+AGENT = PPO(num_epochs=2, hidden_sizes=(8,), learning_rate=1e-3)
+SIZES = {"num_steps": 3 * 128, "num_envs": 8, "rollout_length": 16}
 
 
 def assert_close(x, y, **tolerance):
@@ -29,125 +30,123 @@ def assert_close(x, y, **tolerance):
     jax.tree.map(compare, x, y)
 
 
-def test_train_is_init_and_repeated_steps(key):
-    init, step = hitmdp_jax.make_train(AGENT, Target(), num_steps=3 * 128, **SIZES)
-    state = init(key)
+def compiled(*program):
+    return tuple(map(jax.jit, program))
+
+
+@pytest.fixture(scope="module")
+def program():
+    """One run's init and step, compiled."""
+    return compiled(*hitmdp_jax.make_train(AGENT, Target(), **SIZES))
+
+
+@pytest.fixture(scope="module")
+def history(program):
+    """The states and the metrics [3] of a run."""
+    return iterated(*program, jax.random.key(0))
+
+
+def iterated(init, step, key):
+    states, metrics = [init(key)], []
     for _ in range(3):
-        state, metrics = step(state)
-    whole, all_metrics = jax.jit(
-        lambda k: hitmdp_jax.train(AGENT, Target(), k, num_steps=3 * 128, **SIZES)
-    )(key)
-    assert_close(whole, state, rtol=1e-3, atol=1e-5)
-    assert_close(jax.tree.map(lambda x: x[-1], all_metrics), metrics, rtol=1e-3, atol=1e-4)
+        state, seen = step(states[-1])
+        states.append(state)
+        metrics.append(seen)
+    return states, jax.tree.map(lambda *x: jnp.stack(x), *metrics)
 
 
-def test_a_playground_environment_trains_as_one_of_brax_does(key):
-    def returns(env):
-        sizes = SIZES | {"num_steps": 3 * 128, "episode_length": 10}
-        return jax.jit(lambda k: hitmdp_jax.train(AGENT, env, k, **sizes))(key)[1]["episode_return"]
+@pytest.fixture(scope="module")
+def swept():
+    """The sweep of the design: one compiled program over hyperparameters and seeds."""
+    agents = jax.vmap(lambda rate: AGENT.replace(learning_rate=rate))(jnp.array([0.0, 1e-3]))
+    train = jax.vmap(lambda a, k: hitmdp_jax.train(a, Target(), k, **SIZES))
+    return jax.jit(train)(agents, jax.vmap(jax.random.key)(jnp.arange(2)))
 
-    np.testing.assert_allclose(returns(PlaygroundTarget()), returns(Target()), rtol=1e-3)
+
+def test_agents_and_keys_map_together(swept):
+    _, metrics = swept
+    assert metrics["episode_return"].shape == (2, 3)
+    assert (metrics["action_kl"][0] < 1e-6).all()
+    assert (metrics["action_kl"][1, 1:] > 1e-6).all()
+
+
+def test_train_is_init_and_repeated_steps(swept, program):
+    states, metrics = iterated(*program, jax.random.key(1))
+    last = jax.tree.map(lambda x: x[1], swept)
+    assert_close(last[0], states[-1], rtol=1e-3, atol=1e-5)
+    assert_close(last[1], metrics, rtol=1e-3, atol=1e-4)
+
+
+def test_a_playground_environment_trains_as_one_of_brax_does(history):
+    program = hitmdp_jax.make_train(AGENT, PlaygroundTarget(), episode_length=10, **SIZES)
+    assert Target.episode_length == 10
+    _, metrics = iterated(*compiled(*program), jax.random.key(0))
+    np.testing.assert_allclose(metrics["episode_return"], history[1]["episode_return"], rtol=1e-3)
 
 
 def test_observations_of_several_arrays_are_refused():
     env = PlaygroundTarget()
     env.observation_size = {"state": 1, "privileged_state": 2}
     with pytest.raises(UsageError, match="several arrays"):
-        hitmdp_jax.make_train(AGENT, env, num_steps=128, **SIZES)
+        hitmdp_jax.make_train(AGENT, env, **SIZES)
 
 
-def test_repeated_iterations_sum_up_their_metrics(key):
-    init, step = hitmdp_jax.make_train(AGENT, Target(), num_steps=3 * 128, **SIZES)
-    state, each = jax.lax.scan(lambda s, _: step(s), init(key), length=3)
-    again, together = repeat(step, 3)(init(key))
-    assert_close(again, state, rtol=1e-4, atol=1e-6)
-    np.testing.assert_allclose(together["option_steps"], each["option_steps"].sum(0))
-    np.testing.assert_allclose(together["episodes"], each["episodes"].sum())
-    np.testing.assert_allclose(
-        together["episode_return"],
-        np.average(each["episode_return"], weights=each["episodes"]),
-        rtol=1e-5,
-    )
-    np.testing.assert_allclose(together["value_loss"], each["value_loss"].mean(), rtol=1e-5)
-
-
-def test_a_transfer_keeps_what_was_learned_and_restarts_the_rest(key):
-    init, step = hitmdp_jax.make_train(AGENT, Target(), num_steps=128, **SIZES)
-    old = step(init(key))[0]
-    fresh = init(jax.random.key(9))
+def test_a_transfer_keeps_what_was_learned_and_restarts_the_rest(program, history):
+    old, fresh = history[0][1], program[0](jax.random.key(9))
     new = transfer(old, fresh)
     assert_close((new.learner, new.normalizer, new.key), (old.learner, old.normalizer, old.key))
     assert_close(new.rollout, fresh.rollout)
     assert new.iteration == 1
 
 
-def test_a_seed_among_others_equals_the_seed_alone():
-    env = hitmdp_jax.make_env("invertedpendulum", physics="native")
-
-    def train(key):
-        return hitmdp_jax.train(AGENT, env, key, num_steps=2 * 128, **SIZES)
-
-    keys = jax.vmap(jax.random.key)(jnp.arange(4))
-    together = jax.jit(jax.vmap(train))(keys)
-    alone = jax.jit(train)(keys[3])
-    assert_close(jax.tree.map(lambda x: x[3], together), alone, rtol=1e-3, atol=1e-4)
+def test_the_same_seed_gives_the_same_result(program, history):
+    states, metrics = iterated(*program, jax.random.key(0))
+    assert_close((states, metrics), history, rtol=0)
+    other, _ = iterated(*program, jax.random.key(1))
+    kernels = [x[-1].learner.params["decoder"] for x in (states, other)]
+    assert not any(np.allclose(a, b) for a, b in zip(*map(weights, kernels), strict=True))
 
 
-def test_the_same_seed_gives_the_same_result(key):
-    train = jax.jit(lambda k: hitmdp_jax.train(AGENT, Target(), k, num_steps=128, **SIZES))
-    assert_close(train(key), train(key), rtol=0)
-    other = train(jax.random.key(1))[0].learner.params["embeddings"]
-    assert not np.allclose(train(key)[0].learner.params["embeddings"], other)
+def weights(params):
+    """Return the matrices among the parameters: biases start at zero."""
+    return [x for x in jax.tree.leaves(params) if x.ndim > 1]
 
 
-def test_agents_and_keys_map_together():
-    """The sweep of the design: one compiled program over hyperparameters and seeds."""
-    agents = jax.vmap(lambda rate: AGENT.replace(learning_rate=rate))(jnp.array([0.0, 1e-3]))
-    keys = jax.random.split(jax.random.key(0), 2)
-    _, metrics = jax.jit(
-        jax.vmap(lambda a, k: hitmdp_jax.train(a, Target(), k, num_steps=256, **SIZES))
-    )(agents, keys)
-    assert metrics["episode_return"].shape == (2, 2)
-    assert (metrics["action_kl"][0] < 1e-6).all()
-    assert (metrics["action_kl"][1, 1:] > 1e-6).all()
-
-
-def test_normaliser_equals_the_observations_statistics(key):
+def test_normaliser_equals_the_observations_statistics(program, key):
     """Target draws a new observation in [-1, 1] at every step: mean 0, variance 1/3."""
-    init, step = hitmdp_jax.make_train(
-        AGENT, Target(), num_steps=1024, num_envs=64, rollout_length=16, reset_pool_size=1024
-    )
-    state = step(init(key))[0]
+    init, step = program
+    state = init(key)
+    for _ in range(40):  # each draws 32 of them, over and over
+        state, _ = step(state)
     assert float(state.normalizer.std[0]) == pytest.approx(np.sqrt(1 / 3), abs=0.03)
     assert float(state.normalizer.mean[0]) == pytest.approx(0.0, abs=0.06)
 
 
-def test_no_episode_ended_is_reported_as_nan(key):
-    train = jax.jit(
-        lambda k: hitmdp_jax.train(
-            AGENT, Counter(), k, num_steps=128, episode_length=1000, stagger=False, **SIZES
-        )
-    )
-    metrics = train(key)[1]
-    assert np.isnan(metrics["episode_return"]).all()
-    assert (metrics["episodes"] == 0).all()
-
-
-def test_recent_returns_are_carried_over_iterations_without_an_end(key):
+def test_returns_are_nan_until_an_episode_ends_and_then_carried_over(key):
+    """Episodes of 40 steps, in iterations of 16: some see no end."""
     sizes = SIZES | {"num_steps": 8 * 128, "episode_length": 40, "stagger": False}
     metrics = jax.jit(lambda k: hitmdp_jax.train(AGENT, Counter(), k, **sizes))(key)[1]
     ended = np.asarray(metrics["episodes"]) > 0
     assert ended.any()
     assert not ended.all()
+    np.testing.assert_array_equal(np.isnan(metrics["episode_return"]), ~ended)
     first = int(np.argmax(ended))
+    assert first == 2
     assert np.isnan(metrics["recent_return"][:first]).all()
     np.testing.assert_allclose(metrics["recent_return"][first:], 40.0)  # a reward of 1 a step
+
+
+class Annealed(MOPG):
+    """Draws its options at random in the last two of three iterations."""
+
+    def scheduled(self, progress):
+        return self.replace(similarity=jnp.where(progress < 0.3, 50.0, 0.0))
 
 
 class Poison(Target):
     """The reward is NaN from the tenth step on in an episode that started below a threshold."""
 
-    episode_length = 1000
+    episode_length = 16
 
     def __init__(self, threshold):
         self.threshold = threshold
@@ -162,57 +161,79 @@ class Poison(Target):
         return state.replace(reward=reward, done=jnp.zeros(()), info={"clock": clock})
 
 
-def test_a_run_that_is_not_finite_keeps_its_last_finite_state_and_harms_no_other():
-    sizes = {"num_steps": 3 * 64, "num_envs": 8, "rollout_length": 8}
+@pytest.fixture(scope="module")
+def options():
+    """Six runs with options: init(keys), step(threshold, states), and three steps as one."""
+    agent = Annealed(num_epochs=1, hidden_sizes=(8,))
+    sizes = {"num_steps": 3 * 64, "num_envs": 8, "rollout_length": 8, "stagger": False}
 
-    @functools.partial(jax.jit, static_argnums=2)
-    def run(threshold, keys, length):
-        init, step = hitmdp_jax.make_train(AGENT, Poison(threshold), **sizes)
-        states = jax.vmap(init)(keys)
-        return jax.lax.scan(lambda s, _: jax.vmap(step)(s), states, length=length)
+    def program(threshold):
+        return hitmdp_jax.make_train(agent, Poison(threshold), **sizes)
 
+    return compiled(
+        lambda keys: jax.vmap(program(-2.0)[0])(keys),
+        lambda threshold, states: jax.vmap(program(threshold)[1])(states),
+        lambda threshold, states: jax.vmap(repeat(program(threshold)[1], 3))(states),
+    )
+
+
+def with_options(options, threshold):
+    init, step, _ = options
     keys = jax.vmap(jax.random.key)(jnp.arange(6))
-    together, metrics = run(-0.9, keys, 3)
-    lost = np.asarray(together.diverged) > 0
+    return iterated(lambda keys: init(keys), functools.partial(step, threshold), keys)
+
+
+@pytest.fixture(scope="module")
+def sound(options):
+    """The states and the metrics [3, 6] of runs in which nothing goes wrong."""
+    return with_options(options, -2.0)
+
+
+def test_repeated_iterations_sum_up_their_metrics(options, sound):
+    states, each = sound
+    again, together = options[2](-2.0, states[0])
+    assert_close(again, states[-1], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(together["option_steps"], each["option_steps"].sum(0))
+    np.testing.assert_allclose(together["episodes"], each["episodes"].sum(0))
+    total = np.nansum(each["episode_return"] * each["episodes"], axis=0)
+    np.testing.assert_allclose(
+        together["episode_return"], total / each["episodes"].sum(0), rtol=1e-5
+    )
+    np.testing.assert_allclose(together["value_loss"], each["value_loss"].mean(0), rtol=1e-5)
+
+
+def test_a_run_that_is_not_finite_keeps_its_last_finite_state_and_harms_no_other(options, sound):
+    states, metrics = with_options(options, -0.9)
+    _, once, _, thrice = states
+    lost = np.asarray(thrice.diverged) > 0
     assert lost.any()
     assert not lost.all()
-    assert set(np.asarray(together.diverged)[lost]) == {2}
-    assert {CAUSES[i] for i in np.asarray(together.cause)[lost]} == {"reward"}
+    assert set(np.asarray(thrice.diverged)[lost]) == {2}
+    assert {CAUSES[i] for i in np.asarray(thrice.cause)[lost]} == {"reward"}
     told = np.asarray(metrics["diverged"])
     assert told[:, lost].all(axis=1).tolist() == [False, True, True]
     assert not told[:, ~lost].any()
     assert np.isnan(metrics["value_loss"][1:, lost]).all()
     assert (np.asarray(metrics["option_steps"])[1:, lost] == 0).all()
-    # A lost seed's parameters are those after its only finite iteration.
-    once, thrice = (jax.tree.leaves(s.learner) for s in (run(-0.9, keys, 1)[0], together))
-    for one, three in zip(once, thrice, strict=True):
-        np.testing.assert_allclose(one[lost], three[lost], rtol=1e-4, atol=1e-6)
+    # A lost seed's parameters are those after its only finite iteration. The others are bit for
+    # bit what they are where nobody diverges.
+    learners = (jax.tree.leaves(s.learner) for s in (once, thrice, sound[0][-1]))
+    for one, three, where_nobody in zip(*learners, strict=True):
+        np.testing.assert_array_equal(one[lost], three[lost])
         assert np.isfinite(three).all()
-    # The others are bit for bit what they are where nobody diverges.
-    sound = jax.tree.leaves(run(-2.0, keys, 3)[0].learner)
-    for one, three in zip(sound, thrice, strict=True):
-        np.testing.assert_array_equal(one[~lost], three[~lost])
+        np.testing.assert_array_equal(where_nobody[~lost], three[~lost])
 
 
-def test_the_agent_that_acts_is_the_scheduled_one(key):
+def test_the_agent_that_acts_is_the_scheduled_one(sound):
     """Options are drawn at random once the similarity has been annealed to zero."""
-
-    class Annealed(MOPG):
-        def scheduled(self, progress):
-            return self.replace(similarity=jnp.where(progress < 0.5, 50.0, 0.0))
-
-    sizes = {"num_envs": 8, "rollout_length": 16, "num_steps": 2 * 128}
-    agent = Annealed(num_epochs=1, learning_rate=0.0)
-    env = Counter()  # episodes of five steps
-    _, metrics = jax.jit(lambda k: hitmdp_jax.train(agent, env, k, **sizes))(key)
-    durations = 128 / np.asarray(metrics["option_activations"]).sum(1)
-    assert durations[0] > 3.0
-    assert durations[1] < 2.0
+    durations = 64 / np.asarray(sound[1]["option_activations"]).sum(-1)
+    assert (durations[0] > 3.0).all()
+    assert (durations[1:] < 2.0).all()
 
 
 def test_an_agents_class_is_not_an_agent():
     with pytest.raises(UsageError, match=r"agent is the class MOPG: pass an agent, MOPG\(\)"):
-        hitmdp_jax.make_train(MOPG, Target(), num_steps=128, **SIZES)
+        hitmdp_jax.make_train(MOPG, Target(), **SIZES)
 
 
 def test_iterations_cover_the_steps():

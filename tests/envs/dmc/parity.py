@@ -10,7 +10,6 @@ from collections.abc import Callable
 import jax
 import mujoco
 import numpy as np
-import pytest
 from dm_control.mujoco.wrapper.mjbindings import sizes
 from numpy.typing import NDArray
 
@@ -62,15 +61,6 @@ class Oracle:
             env.physics.data.qpos[:], env.physics.data.qvel[:] = qpos[:nq], qvel[:nv]
             if self.drawn_geom is not None:
                 env.physics.named.model.geom_pos[self.drawn_geom, :2] = qpos[nq:]
-
-
-def one_by_default(names):
-    """Return the test cases of a domain's tasks in MJX: all but the first are slow.
-
-    They differ in the reward alone, and each is a program of its own to compile.
-    """
-    first, *others = names
-    return [first, *(pytest.param(name, marks=pytest.mark.slow) for name in others)]
 
 
 def flatten(observation):

@@ -21,7 +21,7 @@ from hitmdp_jax.machine import available_cores
 
 BUDGET = SolverBudget(iterations=3, ls_iterations=2)
 NEWTON, PGS = int(mujoco.mjtSolver.mjSOL_NEWTON), int(mujoco.mjtSolver.mjSOL_PGS)
-FALLING_BALL = """<mujoco><worldbody>
+FALLING_BALL = """<mujoco><option integrator="{}"/><worldbody>
   <body><freejoint/><geom size="0.1"/></body>
   </worldbody></mujoco>"""
 MUSCLE = """<mujoco><worldbody>
@@ -29,9 +29,13 @@ MUSCLE = """<mujoco><worldbody>
   </worldbody><actuator><general joint="hinge" dyntype="integrator"/></actuator></mujoco>"""
 
 
+def falling_ball(integrator):
+    return mujoco.MjModel.from_xml_string(FALLING_BALL.format(integrator))
+
+
 @pytest.fixture
 def ball():
-    return mujoco.MjModel.from_xml_string(FALLING_BALL)
+    return falling_ball("Euler")
 
 
 def solver_of(model):
@@ -39,9 +43,12 @@ def solver_of(model):
 
 
 @pytest.mark.parametrize("engine", ["mjx", "native"])
-@pytest.mark.parametrize("current_fields", [False, True])
-def test_every_engine_steps_as_mujoco_does(engine, current_fields, ball):
+@pytest.mark.parametrize(
+    ("integrator", "current_fields"), [("Euler", False), ("Euler", True), ("RK4", False)]
+)
+def test_every_engine_steps_as_mujoco_does(engine, integrator, current_fields):
     """A ball falls 0.1 s, freely: both engines and MuJoCo C agree on where it is."""
+    ball = falling_ball(integrator)
     physics = find_engine(engine).build(ball, 50, ("xpos",), current_fields)
     assert physics.name == engine
     assert physics.frame_skip == 50

@@ -5,6 +5,8 @@ import pytest
 
 from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.training.sinks import CsvSink
+from hitmdp_jax.training.sweep import Training
+from tests.probes import trainings
 
 
 def metrics(value):
@@ -22,7 +24,7 @@ def rows_of(path):
 
 @pytest.fixture
 def written(tmp_path):
-    sink = CsvSink(tmp_path, first_seed=0)
+    sink = CsvSink(tmp_path, trainings())
     for i in (1, 2, 3):
         sink.write(i, 10 * i, metrics(float(i)))
     sink.close()
@@ -30,7 +32,7 @@ def written(tmp_path):
 
 
 def test_one_row_an_iteration_and_seed(tmp_path):
-    sink = CsvSink(tmp_path, first_seed=5)
+    sink = CsvSink(tmp_path, trainings(first=5))
     sink.write(1, 2048, metrics(0.5))
     sink.close()
     rows = rows_of(tmp_path)
@@ -40,8 +42,20 @@ def test_one_row_an_iteration_and_seed(tmp_path):
     assert [row["episode_return"] for row in rows] == ["", "7"]
 
 
+def test_the_settings_of_a_sweep_have_columns(tmp_path):
+    swept = [Training(5, i, {"algo.gamma": gamma}) for i, gamma in enumerate((0.9, 0.95))]
+    CsvSink(tmp_path, swept).write(1, 2048, metrics(0.5))
+    CsvSink(tmp_path, swept, resume_after=1).write(2, 4096, metrics(0.5))
+    rows = rows_of(tmp_path)
+    assert [row["iteration"] for row in rows] == ["1", "1", "2", "2"]
+    assert [(row["seed"], row["setting"], row["algo.gamma"]) for row in rows[:2]] == [
+        ("5", "0", "0.9"), ("5", "1", "0.95")
+    ]  # fmt: skip
+    np.testing.assert_array_equal(read_metrics(tmp_path)["algo.gamma"][:, 1], [0.9, 0.95])
+
+
 def test_resuming_drops_rows_after_the_checkpoint(written):
-    sink = CsvSink(written, first_seed=0, resume_after=2)
+    sink = CsvSink(written, trainings(), resume_after=2)
     sink.write(3, 30, metrics(33.0))
     sink.close()
     assert [row["a_metric"] for row in rows_of(written)] == ["1", "2", "2", "3", "33", "34"]
@@ -52,7 +66,7 @@ def test_resuming_drops_rows_after_the_checkpoint(written):
 def test_resuming_survives_a_file_that_holds_nothing(tmp_path, text):
     if text is not None:
         (tmp_path / "metrics.csv").write_text(text)
-    sink = CsvSink(tmp_path, first_seed=0, resume_after=2)
+    sink = CsvSink(tmp_path, trainings(), resume_after=2)
     sink.write(3, 30, metrics(3.0))
     sink.close()
     assert [row["iteration"] for row in rows_of(tmp_path)] == ["3", "3"]
@@ -62,7 +76,7 @@ def test_resuming_survives_a_file_that_holds_nothing(tmp_path, text):
 def test_resuming_leaves_a_torn_row_out(written, torn):
     with (written / "metrics.csv").open("a") as file:
         file.write(torn)
-    sink = CsvSink(written, first_seed=0, resume_after=3)
+    sink = CsvSink(written, trainings(), resume_after=3)
     sink.write(4, 40, metrics(4.0))
     sink.close()
     assert "".join(row["iteration"] for row in rows_of(written)) == "11223344"

@@ -2,12 +2,14 @@ import numpy as np
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from hitmdp_jax.training.sinks import TensorboardSink
+from hitmdp_jax.training.sweep import Training
+from tests.probes import trainings
 
 METRICS = {"a_metric": np.array([0.5, 1.5]), "episode_return": np.array([np.nan, 7.0])}
 
 
 def test_means_and_deviations_are_read_back(tmp_path):
-    sink = TensorboardSink(tmp_path)
+    sink = TensorboardSink(tmp_path, trainings())
     sink.write(1, 2048, METRICS)
     sink.close()
     events = EventAccumulator(str(tmp_path)).Reload()
@@ -18,11 +20,11 @@ def test_means_and_deviations_are_read_back(tmp_path):
 
 def test_resuming_keeps_the_points_before_and_repeats_none(tmp_path):
     """A run killed at iteration 3, whose checkpoint is of iteration 2."""
-    sink = TensorboardSink(tmp_path)
+    sink = TensorboardSink(tmp_path, trainings())
     for i in (1, 2, 3):
         sink.write(i, 2048 * i, METRICS)
     sink.close()
-    sink = TensorboardSink(tmp_path, resume_after=2 * 2048)
+    sink = TensorboardSink(tmp_path, trainings(), resume_after=2 * 2048)
     for i in (3, 4):
         sink.write(i, 2048 * i, METRICS)
     sink.close()
@@ -32,9 +34,20 @@ def test_resuming_keeps_the_points_before_and_repeats_none(tmp_path):
 
 def test_what_was_flushed_outlives_the_process(tmp_path):
     """Nobody closes the events of a killed run."""
-    sink = TensorboardSink(tmp_path)
+    sink = TensorboardSink(tmp_path, trainings())
     sink.write(1, 2048, METRICS)
     sink.flush()
     events = EventAccumulator(str(tmp_path)).Reload()
     assert [e.step for e in events.Scalars("a_metric/mean")] == [2048]
     sink.close()
+
+
+def test_the_settings_of_a_sweep_are_runs_of_their_own(tmp_path):
+    swept = [Training(seed, i, {"algo.gamma": 0.9 + i / 20}) for i in (0, 1) for seed in (0, 1)]
+    sink = TensorboardSink(tmp_path, swept)
+    sink.write(1, 2048, {"a_metric": np.array([0.0, 1.0, 2.0, np.nan])})
+    sink.close()
+    for i, value in enumerate((0.5, 2.0)):
+        folder = tmp_path / "settings" / f"gamma={0.9 + i / 20:.4g}"
+        events = EventAccumulator(str(folder)).Reload()
+        assert events.Scalars("a_metric/mean")[0].value == value
