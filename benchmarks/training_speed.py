@@ -22,9 +22,9 @@ from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.learning.rollout import collect
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.devices import spread
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.run import Run
-from hitmdp_jax.training.sweep import sweep
 
 ROWS = (  # algo, physics, seeds
     ("mopg", "native", 1),
@@ -68,7 +68,7 @@ def measure(algo: str, physics: str, seeds: int, seconds: float) -> dict[str, fl
         return (time.perf_counter() - start) / calls
 
     iteration = per_call(step, state)
-    rollout = per_call(sweep(*rollout_program(agent, env, config), devices)[1], state)
+    rollout = per_call(spread(*rollout_program(agent, env, config), devices)[1], state)
     steps = config.steps_per_iteration * seeds * config.iterations_per_report
     bare = native_speed(env.model, env.physics.frame_skip)  # pyright: ignore
     return {
@@ -119,7 +119,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.row:
         algo, physics, seeds = json.loads(options.row)
-        set_up_host(physics, num_envs=16, seeds=seeds)
+        set_up_host(physics, num_envs=16, trainings=seeds)
         print(json.dumps(measure(algo, physics, seeds, options.seconds)))
         return
     print(f"import hitmdp_jax: {import_seconds():.1f} s")

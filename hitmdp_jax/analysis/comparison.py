@@ -1,6 +1,5 @@
 """Several algorithms on one task: a table and a figure in the style of the paper's Figure 3."""
 
-import csv
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -91,16 +90,6 @@ def table(results: Sequence[Result]) -> list[list[str]]:
             ]
         )
     return rows
-
-
-def save_table(results: Sequence[Result], folder: Path) -> None:
-    """Write the comparison as `comparison.csv` and as Markdown, `comparison.md`."""
-    rows = table(results)
-    with (folder / "comparison.csv").open("w", newline="") as file:
-        csv.writer(file).writerows(rows)
-    lines = [" | ".join(row) for row in rows]
-    lines.insert(1, " | ".join("---" for _ in rows[0]))
-    (folder / "comparison.md").write_text("".join(f"| {line} |\n" for line in lines))
 
 
 def comparison_figure(

@@ -150,9 +150,21 @@ def option_durations(metrics: dict[str, np.ndarray], title: str) -> Figure:
     return figure
 
 
-def draw_figures(run_dir: Path, title: str, switch_at: int | None = None) -> list[Path]:
-    """Draw every figure the run's metrics allow into its `figures/`; return their paths."""
+def draw_figures(
+    run_dir: Path, title: str, switch_at: int | None = None, setting: int | None = None
+) -> list[Path]:
+    """Draw every figure the run's metrics allow into its `figures/`; return their paths.
+
+    Args:
+      run_dir: the run's folder.
+      title: the figures' title.
+      switch_at: environment steps after which a transfer's second task began; it is marked.
+      setting: the setting of a sweep that is drawn.
+    """
     metrics = read_metrics(run_dir)
+    if setting is not None:
+        chosen = metrics["setting"][:, 0] == setting
+        metrics = {name: x[chosen] for name, x in metrics.items()}
     figures = {}
     if "episode_return" in metrics and np.isfinite(metrics["episode_return"]).any():
         figures["learning_curve"] = learning_curve(metrics, title, switch_at)

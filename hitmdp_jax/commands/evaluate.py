@@ -16,8 +16,9 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.host import set_up_host
-from hitmdp_jax.training.policy import Policy, load_all
+from hitmdp_jax.training.policy import Policy, load_all, places
 from hitmdp_jax.training.run import Run
+from hitmdp_jax.training.sweep import PREFIX, Training, index_values, sweep_columns
 
 COLUMNS: tuple[str, ...] = (
     "iteration", "seed", "engine", "episodes", "deterministic",
@@ -39,6 +40,7 @@ def _main() -> None:
     )
     parser.add_argument("--episodes", type=int, default=50, help="episodes a seed (50)")
     parser.add_argument("--seed", type=int, default=None, help="one of the run's seeds; all")
+    parser.add_argument("--setting", type=int, default=None, help="one of a sweep's settings; all")
     parser.add_argument("--checkpoint", default="newest", help="newest, best, or an iteration")
     parser.add_argument("--deterministic", action="store_true", help="do not sample")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -46,11 +48,7 @@ def _main() -> None:
     config = RunConfig.load(options.run_dir)
     if config.env is None:
         raise UsageError(f"'{options.run_dir}' was saved from Python and names no task.")
-    seeds = range(config.seed, config.seed + config.seeds)
-    chosen = seeds if options.seed is None else [options.seed]
-    for seed in chosen:
-        if seed not in seeds:
-            raise UsageError(f"seed = {seed} is not in the run: {seeds.start} to {seeds.stop - 1}.")
+    chosen = places(config, options.seed, options.setting)
     engine = config.physics if options.engine is None else options.engine
     check_request(config, engine, options.episodes)
     number = options.checkpoint.isascii() and options.checkpoint.isdecimal()
@@ -58,36 +56,48 @@ def _main() -> None:
     set_up_host(engine if engine != "gymnasium" else config.physics, options.episodes)
     iteration, everyone = load_all(options.run_dir, which)
     rows = []
-    for seed in chosen:
-        policy = everyone.of(seed - config.seed)
-        key = jax.random.key(seed + SEED_OFFSET)
+    for place in chosen:
+        training = config.trainings[place]
+        key = jax.random.key(training.seed + SEED_OFFSET)
+        policy = everyone.of(place)
         scores = score(policy, config, engine, options.episodes, key, options.deterministic)
-        rows.append(row(scores, iteration, seed, engine, options.deterministic))
+        rows.append(row(scores, iteration, training, engine, options.deterministic))
     append(options.run_dir, rows)
     if options.json:
         print(json.dumps(rows, indent=2))
         return
-    table = Table("seed", "return", "std", "min", "max", "std error", "length", title=engine)
+    index = ("seed", *sweep_columns(config.trainings))
+    table = Table(
+        *(name.removeprefix(PREFIX) for name in index),
+        "return",
+        "std",
+        "min",
+        "max",
+        "std error",
+        "length",
+        title=engine,
+    )
     for entry in rows:
         numbers = [entry[name] for name in ("return", "std", "min", "max", "std_error")]
         shown = ("-" if x is None else f"{x:,.1f}" for x in numbers)
-        table.add_row(str(entry["seed"]), *shown, f"{entry['length']:.1f}")
+        table.add_row(*(f"{entry[name]:.6g}" for name in index), *shown, f"{entry['length']:.1f}")
     Console().print(table)
 
 
 def row(
-    scores: Scores, iteration: int, seed: int, engine: str, deterministic: bool
+    scores: Scores, iteration: int, training: Training, engine: str, deterministic: bool
 ) -> dict[str, Any]:
-    """Return what is written of one seed's scores."""
+    """Return what is written of one training's scores."""
     returns = scores.returns
     error = scores.standard_error
     numbers = (returns.mean(), returns.std(), returns.min(), returns.max())
     values = (
-        iteration, seed, engine, len(returns), deterministic,
+        iteration, training.seed, engine, len(returns), deterministic,
         *(float(x) for x in numbers), None if np.isnan(error) else error,
         float(scores.lengths.mean()),
     )  # fmt: skip
-    return dict(zip(COLUMNS, values, strict=True))
+    swept = zip(sweep_columns([training]), index_values(training)[1:], strict=True)
+    return dict(zip(COLUMNS, values, strict=True)) | dict(swept)
 
 
 def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:
@@ -95,14 +105,14 @@ def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:
     path = run_dir / "evaluations.csv"
     new = not path.exists()
     with path.open("a", newline="") as file:
-        writer = csv.DictWriter(file, list(COLUMNS))
+        writer = csv.DictWriter(file, list(rows[0]))
         if new:
             writer.writeheader()
         writer.writerows(rows)
 
 
 class Evaluation:
-    """Scores every seed's policy while a run trains: whole episodes of the deterministic policy.
+    """Scores every policy while a run trains: whole episodes of the deterministic one.
 
     Args:
       config: the run's settings, `eval_every` and `eval_episodes` among them.
@@ -116,15 +126,16 @@ class Evaluation:
         self._run_dir = run_dir
 
     def __call__(self, run: Run, progress: Progress) -> dict[str, np.ndarray]:
-        """Return the mean return of each seed [S]."""
+        """Return the mean return of each training [R]."""
         config, state = run.config, progress.state
         assert state is not None
         here = jax.local_devices()[0]
         learned = jax.device_put((state.learner.params, state.normalizer), here)
-        everyone, rows = Policy(run.agent, *learned), []
-        for i, seed in enumerate(range(config.seed, config.seed + config.seeds)):
-            key = jax.random.fold_in(jax.random.key(seed + SEED_OFFSET), progress.iteration)
+        everyone, rows = Policy(run.agent.replace(**config.swept), *learned), []
+        for i, training in enumerate(config.trainings):
+            key = jax.random.key(training.seed + SEED_OFFSET)
+            key = jax.random.fold_in(key, progress.iteration)
             scores = score(everyone.of(i), config, config.physics, config.eval_episodes, key, True)
-            rows.append(row(scores, progress.iteration, seed, config.physics, True))
+            rows.append(row(scores, progress.iteration, training, config.physics, True))
         append(self._run_dir, rows)
         return {"evaluation_return": np.array([entry["return"] for entry in rows])}

@@ -17,12 +17,10 @@ import time
 from pathlib import Path
 
 import jax
-from rich.console import Console
-from rich.table import Table
 
 from hitmdp_jax.agents import AGENTS, find_agent
-from hitmdp_jax.analysis import theorems
-from hitmdp_jax.analysis.comparison import Result, compare, comparison_figure, save_table, table
+from hitmdp_jax.analysis import tables, theorems
+from hitmdp_jax.analysis.comparison import compare, comparison_figure, table
 from hitmdp_jax.commands.settings import Settings, folder_setting, guarded
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.config import RunConfig
@@ -77,10 +75,11 @@ def run_comparison(arguments: list[str]) -> int:
     config = configs[algos[0]]
     parameters = {algo: count_parameters(run_dir) for algo, run_dir in run_dirs.items()}
     results = compare(run_dirs, parameters, since=config.switch_at or 0)
-    save_table(results, folder)
+    rows = table(results)
+    tables.save(rows, folder, "comparison")
     figure = comparison_figure(run_dirs, config.task_title, config.switch_at)
     figure.savefig(folder / "comparison.png", dpi=150)
-    show(results)
+    tables.show(rows)
     print(f"Saved in {folder}.")
     return 0
 
@@ -92,7 +91,10 @@ def _named(arguments: list[str]) -> dict[str, str]:
 def _algorithms(arguments: list[str]) -> tuple[list[str], list[str]]:
     """Return the algorithms of `algos=`, and the other arguments."""
     rest = [text for text in arguments if not text.startswith("algos=")]
-    for name, instead in (("algo", "algos= names"), ("resume", "run_dir= of it goes on with")):
+    instead_of = {
+        "algo": "algos= names", "resume": "run_dir= of it goes on with", "sweep": "algos= names"
+    }  # fmt: skip
+    for name, instead in instead_of.items():
         if name in _named(rest):
             raise UsageError(f"compare takes no {name}=: {instead} what is compared.")
     named = _named(arguments).get("algos", "all")
@@ -159,15 +161,6 @@ def count_parameters(run_dir: Path) -> int:
     """Return the number of parameters of one seed of a run."""
     config = RunConfig.load(run_dir)
     return sum(x.size for x in jax.tree.leaves(load(run_dir, config.seed).params))
-
-
-def show(results: list[Result]) -> None:
-    """Print the comparison."""
-    header, *rows = table(results)
-    printed = Table(*header)
-    for row in rows:
-        printed.add_row(*row)
-    Console().print(printed)
 
 
 TARGETS = {"compare": run_comparison, "theory": draw_theorems}

@@ -130,7 +130,10 @@ class Settings:
                 raise unknown_name("setting", name, set(known))
 
     def jobs(self) -> list[list[str]]:
-        """Return the overrides of every run: one, or one for each combination of listed values."""
+        """Return the overrides of every run: one, or one for each combination of listed values.
+
+        Of a range, from which a sweeper such as Optuna's draws, the two ends stand for all.
+        """
         return _product(self.overrides)
 
     def swept(self) -> list[str]:
@@ -221,7 +224,13 @@ def _product(overrides: Sequence[str]) -> list[list[str]]:
     for override in map(_parse, overrides):
         key, text = override.get_key_element(), override.input_line or ""
         swept = override.is_sweep_override()
-        lists.append([f"{key}={x}" for x in override.sweep_string_iterator()] if swept else [text])
+        if override.is_interval_sweep():
+            ends: Any = override.value()
+            lists.append([f"{key}={ends.start}", f"{key}={ends.end}"])
+        elif swept:
+            lists.append([f"{key}={x}" for x in override.sweep_string_iterator()])
+        else:
+            lists.append([text])
     return [list(job) for job in itertools.product(*lists)]
 
 

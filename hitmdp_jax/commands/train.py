@@ -39,6 +39,7 @@ from hitmdp_jax.training.interrupt import InterruptedRunError
 RESUMABLE = ("resume", "total_steps")  # what may stand on a command line that resumes a run
 MULTIRUN = ("-m", "--multirun")
 FLAGS = (*MULTIRUN, "-h", "--help", "--hydra-help", "--version", "--cfg=job", "--cfg=all", "--info")
+SHOWN = 10  # settings of a sweep, the best; sweep.csv has all
 DIVERGED = 3  # the exit code of a run in which a seed was lost
 
 
@@ -63,7 +64,8 @@ def main() -> None:
 
     codes = [0]
 
-    def job(values: DictConfig) -> None:
+    def job(values: DictConfig) -> float | None:
+        """Train one job; return its final return, which a sweeper such as Optuna's maximises."""
         plain: Any = OmegaConf.to_container(values, resolve=True)
         hydra_config = HydraConfig.get()
         names = hydra_config.overrides.task
@@ -75,10 +77,20 @@ def main() -> None:
         guarded(lambda: codes.append(train(plain, given, go_on=bool(swept))))
         if codes[-1] > 128:
             sys.exit(codes[-1])  # who stops one job means the sweep
+        return final_return(Path(plain["run_dir"])) if swept else None
 
     sys.argv = [sys.argv[0], *flags, *overrides]
     run = hydra.main(version_base="1.3", config_path=str(configs()), config_name="config")(job)
     guarded(lambda: run() or max(codes))
+
+
+def final_return(run_dir: Path) -> float:
+    """Return the interquartile mean over a finished run's trainings of their final returns."""
+    from hitmdp_jax.analysis.comparison import final_returns
+    from hitmdp_jax.analysis.figures import read_metrics
+    from hitmdp_jax.analysis.statistics import interquartile_mean
+
+    return float(interquartile_mean(final_returns(read_metrics(run_dir))))
 
 
 def _sweep_folder(settings: Settings) -> Path:
@@ -129,11 +141,13 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
 
 def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
     """Train, draw what was learned and say how it ended."""
+    from hitmdp_jax.analysis import tables
     from hitmdp_jax.analysis.figures import draw_figures
+    from hitmdp_jax.analysis.sweeps import draw_sweep
     from hitmdp_jax.commands.evaluate import Evaluation
     from hitmdp_jax.training import loop
 
-    set_up_host(config.physics, config.num_envs, config.seeds)
+    set_up_host(config.physics, config.num_envs, len(config.trainings))
     hooks = [Evaluation(config, run_dir)] if config.eval_every else []
     try:
         outcome = loop.run(config, run_dir, resume=resume, hooks=hooks)
@@ -145,13 +159,16 @@ def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
     if outcome.failure:
         raise UsageError(f"The last state is not saved: {outcome.failure}")
     try:
-        draw_figures(run_dir, config.title, config.switch_at)
+        if config.sweep:
+            tables.show(draw_sweep(run_dir, config)[: 1 + SHOWN])
+        else:
+            draw_figures(run_dir, config.title, config.switch_at)
     except OSError as error:
         print(f"warning: the figures could not be written: {error.strerror}", file=sys.stderr)
-    for seed, (iteration, cause) in outcome.diverged.items():
+    for training, (iteration, cause) in outcome.diverged.items():
         print(
-            f"seed {seed} diverged at iteration {iteration}: its {cause} were no longer finite; it "
-            "keeps what it had learned before.",
+            f"{training.name} diverged at iteration {iteration}: its {cause} were no longer "
+            "finite; it keeps what it had learned before.",
             file=sys.stderr,
         )
     if outcome.signum:

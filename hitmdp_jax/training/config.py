@@ -1,11 +1,13 @@
 """A run's settings: validated once, then frozen."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from hitmdp_jax import plugins
@@ -14,6 +16,7 @@ from hitmdp_jax.envs import check_engine, check_env
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.program import check_sizes, num_iterations
+from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
 
 SCHEMA = 1  # of config.yaml; raised where an older package would misread it
 REPORT_STEPS = 2048
@@ -53,6 +56,8 @@ class RunConfig:
     eval_episodes: int = 20
     wandb: str = "off"
     second_env: dict[str, Any] | None = None  # the task a transfer switches to
+    sweep: dict[str, Any] | None = None
+    samples: int | None = None
 
     @classmethod
     def from_mapping(cls, settings: Mapping[str, Any]) -> "RunConfig":
@@ -66,6 +71,8 @@ class RunConfig:
             if name not in fields:
                 raise unknown_name("setting", str(name), fields)
         values = dict(settings)
+        if values.get("samples") is not None:
+            values["samples"] = whole_number("samples", values["samples"], 1)
         for name in set(WHOLE) & set(values):
             values[name] = whole_number(name, values[name], WHOLE[name])
         # wandb=off is a bool to YAML
@@ -84,16 +91,21 @@ class RunConfig:
         for task in config.tasks:
             check_env(**task)
             check_engine(task["name"], engine)
-        check_sizes(config.make_agent(), config.total_steps, config.num_envs, config.rollout_length)
+        agent = config.make_agent()
+        check_sizes(agent, config.total_steps, config.num_envs, config.rollout_length)
+        defaults = {field.name: field.default for field in dataclasses.fields(agent)}
+        check_sweep(config.sweep, config.samples, defaults)
+        for setting in config.settings:
+            config.make_agent(setting)
         return config
 
-    def make_agent(self) -> Agent:
-        """Return the agent that `algo` describes.
+    def make_agent(self, swept: Mapping[str, float] | None = None) -> Agent:
+        """Return the agent that `algo` describes, under a setting of what the run sweeps.
 
         Raises:
           UsageError: the algorithm or a hyperparameter is unknown or out of range.
         """
-        hyperparameters = dict(self.algo)
+        hyperparameters = self.algo | {k.removeprefix(PREFIX): x for k, x in (swept or {}).items()}
         name = str(hyperparameters.pop("name"))
         agent = find_agent(name)
         fields = {field.name: field for field in dataclasses.fields(agent)}
@@ -102,6 +114,28 @@ class RunConfig:
                 raise unknown_name(f"hyperparameter of {plugins.label(name)}", str(key), fields)
             hyperparameters[key] = _like(f"algo.{key}", value, fields[key].default)
         return agent(**hyperparameters)
+
+    @functools.cached_property
+    def settings(self) -> list[dict[str, float]]:
+        """The settings of what the run sweeps; a single empty one where it sweeps nothing."""
+        return settings_of(self.sweep, self.samples, self.seed)
+
+    @property
+    def swept(self) -> dict[str, np.ndarray]:
+        """The swept hyperparameters' values [R], one for each training."""
+        return {
+            name.removeprefix(PREFIX): np.array([t.swept[name] for t in self.trainings], np.float32)
+            for name in self.sweep or {}
+        }
+
+    @functools.cached_property
+    def trainings(self) -> list[Training]:
+        """The run's trainings, in the order of its arrays' first axis: all seeds of a setting."""
+        return [
+            Training(self.seed + i, number, swept)
+            for number, swept in enumerate(self.settings)
+            for i in range(self.seeds)
+        ]
 
     @property
     def tasks(self) -> list[dict[str, Any]]:

@@ -24,6 +24,7 @@ from hitmdp_jax.training.program import CAUSES, Iterate, TrainState
 from hitmdp_jax.training.run import Run
 from hitmdp_jax.training.sinks import Sinks, Values, open_sinks
 from hitmdp_jax.training.sinks.terminal import TerminalSink
+from hitmdp_jax.training.sweep import Training
 
 SPEED_WINDOW = 11  # reports whose times make up the speed shown
 
@@ -53,7 +54,7 @@ class Outcome:
     env_steps: int  # of each seed, that are done and saved
     finished: bool
     signum: int | None  # the signal that ended it early
-    diverged: dict[int, tuple[int, str]]  # seed -> the iteration and what was not finite
+    diverged: dict[Training, tuple[int, str]]  # the iteration, and what was not finite
     failure: str | None  # why the last state is not saved
 
 
@@ -91,7 +92,7 @@ def run(
             try:
                 iterate(run, progress, step, stop, reporter, checkpoints)
             finally:  # an error in the middle of a report must not cost what was learned
-                checkpoints.save(progress, reporter.recent_return)
+                checkpoints.save(run.saved(progress), reporter.recent_return)
             if stop.requested:
                 break
         checkpoints.close()
@@ -125,7 +126,7 @@ def iterate(
         if progress.iteration % per_checkpoint == 0 or checkpoints.due():
             reporter.flush()  # first the row, then the checkpoint that says it is there
             reporter.sinks.flush()
-            checkpoints.save(progress, reporter.recent_return)
+            checkpoints.save(run.saved(progress), reporter.recent_return)
     reporter.flush()
 
 
@@ -151,10 +152,10 @@ class Reporter:
         config = self._run.config
         extra: Values = {}
         for hook in self._hooks:
-            extra |= dict.fromkeys(hook.names, np.full(config.seeds, np.nan))
+            extra |= dict.fromkeys(hook.names, np.full(len(config.trainings), np.nan))
             if progress.iteration % config.iterations_in(hook.every) == 0:
                 extra |= hook(self._run, progress)
-        self._pending = progress.iteration, metrics | extra
+        self._pending = progress.iteration, self._run.own(metrics) | extra
 
     def flush(self) -> None:
         """Report what was kept back."""
@@ -166,7 +167,7 @@ class Reporter:
         self._times.append(time.perf_counter())
         steps = config.steps_per_iteration * config.iterations_per_report
         speed = steps * (len(self._times) - 1) / (self._times[-1] - self._times[0])
-        values["steps_per_second"] = np.full(config.seeds, speed)
+        values["steps_per_second"] = np.full(len(config.trainings), speed)
         known = values["recent_return"][~np.isnan(values["recent_return"])]
         self.recent_return = float(known.mean()) if known.size else float("nan")
         self.sinks.write(iteration, config.steps_after(iteration), values)
@@ -182,7 +183,9 @@ def outcome(run: Run, progress: Progress, stop: StopRequest, checkpoints: Checkp
         finished=progress.iteration >= config.last_iteration,
         signum=stop.signum,
         diverged={
-            config.seed + int(i): (int(at[i]), CAUSES[int(cause[i])]) for i in np.flatnonzero(at)
+            training: (int(at[i]), CAUSES[int(cause[i])])
+            for i, training in enumerate(config.trainings)
+            if at[i]
         },
         failure=checkpoints.failure,
     )
@@ -195,7 +198,8 @@ def title(run: Run) -> str:
     parts = [
         config.title,
         f"physics {env.backend} on {len(devices)} × {'CPU' if on_cpu else devices[0].device_kind}",
-        f"{config.num_envs} envs × {config.seeds} seeds",
+        f"{config.num_envs} envs × {config.seeds} seeds"
+        + (f" × {len(config.settings)} settings" if config.sweep else ""),
     ]
     if on_cpu and isinstance(env, MujocoEnv) and env.backend != NativeEngine.name:
         speed = native_speed(env.model, env.physics.frame_skip)

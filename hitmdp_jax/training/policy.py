@@ -51,9 +51,8 @@ class Policy(struct.PyTreeNode):
         return action, memory
 
     def of(self, number: int) -> "Policy":
-        """Return the policy of one seed, by its place among policies whose leaves are [S, ...]."""
-        params, normalizer = jax.tree.map(lambda x: x[number], (self.params, self.normalizer))
-        return self.replace(params=params, normalizer=normalizer)
+        """Return the policy of one training, by its place among leaves [R, ...]."""
+        return jax.tree.map(lambda x: x[number] if np.ndim(x) else x, self)
 
     def normalized(self, obs: jax.Array) -> jax.Array:
         """Return raw observations [..., O] as the agent sees them; Raises as `act`."""
@@ -63,31 +62,51 @@ class Policy(struct.PyTreeNode):
         return normalize(jnp.asarray(obs, jnp.float32), self.normalizer)
 
 
-def load(run_dir: str | Path, seed: int | None = None, checkpoint: int | str = "newest") -> Policy:
+def load(
+    run_dir: str | Path,
+    seed: int | None = None,
+    checkpoint: int | str = "newest",
+    setting: int = 0,
+) -> Policy:
     """Load a policy of a run.
 
     Args:
       run_dir: the run's folder.
       seed: which of the run's seeds, by the number the run gave it; None takes the first.
       checkpoint: "newest"; "best", by the training return; or an iteration that was saved.
+      setting: which setting of a sweep, by the number that its tables give it.
 
     Raises:
-      UsageError: the folder holds no run, no such checkpoint, or no such seed.
+      UsageError: the folder holds no run, or no such checkpoint, seed or setting.
     """
     run_dir = _folder(run_dir)
     config = RunConfig.load(run_dir)
-    seeds = range(config.seed, config.seed + config.seeds)
-    if seed is not None and seed not in seeds:
-        raise UsageError(
-            f"seed = {seed} is not in the run '{run_dir}', which holds {seeds.start} to "
-            f"{seeds.stop - 1}."
-        )
+    (place, *_) = places(config, config.seed if seed is None else seed, setting)
     _, everyone = load_all(run_dir, checkpoint)
-    return everyone.of(0 if seed is None else seed - config.seed)
+    return everyone.of(place)
+
+
+def places(config: RunConfig, seed: int | None = None, setting: int | None = None) -> list[int]:
+    """Return the places of a run's trainings of a seed and a setting; None takes all.
+
+    Raises:
+      UsageError: the run has no such seed or setting.
+    """
+    seeds, settings = {t.seed for t in config.trainings}, range(len(config.settings))
+    for name, wanted, there in (("seed", seed, seeds), ("setting", setting, settings)):
+        if wanted is not None and wanted not in there:
+            raise UsageError(
+                f"{name} = {wanted} is not in the run, which holds {min(there)} to {max(there)}."
+            )
+    return [
+        i
+        for i, training in enumerate(config.trainings)
+        if seed in (None, training.seed) and setting in (None, training.setting)
+    ]
 
 
 def load_all(run_dir: str | Path, checkpoint: int | str = "newest") -> tuple[int, Policy]:
-    """Return a checkpoint's iteration and the policies of all seeds, their leaves [S, ...].
+    """Return a checkpoint's iteration and the policies of all trainings, their leaves [R, ...].
 
     Args and Raises as `load`.
     """
@@ -98,8 +117,9 @@ def load_all(run_dir: str | Path, checkpoint: int | str = "newest") -> tuple[int
         iteration, saved = checkpoints.restore_policy(checkpoint)
     finally:
         checkpoints.close()
-    policy = Policy(config.make_agent(), saved["params"], normalizer_of(saved))
-    if not _fits(policy, config.seeds):
+    agents = config.make_agent().replace(**config.swept)
+    policy = Policy(agents, saved["params"], normalizer_of(saved))
+    if not _fits(policy, len(config.trainings)):
         raise UsageError(
             f"The checkpoint in '{run_dir}' does not fit the algorithm and seeds that its "
             "config.yaml names."
@@ -114,23 +134,22 @@ def _folder(run_dir: Any) -> Path:
     return Path(run_dir)
 
 
-def _fits(policy: Policy, seeds: int) -> bool:
+def _fits(policy: Policy, trainings: int) -> bool:
     """Return whether the parameters [S, ...] are such as the agent makes; they may be anything."""
 
-    def same_shapes(params: Any, normalizer: Any, key: jax.Array) -> bool:
-        one = policy.replace(params=params, normalizer=normalizer)
-        obs = jnp.zeros(normalizer.mean.shape[-1])
+    def same_shapes(policy: Policy, key: jax.Array) -> bool:
+        one = policy.of(0)
+        obs = jnp.zeros(one.normalizer.mean.shape[-1])
         action, _ = one.act(obs, one.initial_memory(key), key)
-        fresh = policy.agent.init(key, obs.size, action.size).params
-        shapes = [jax.tree.map(jnp.shape, tree) for tree in (params, fresh)]
+        fresh = one.agent.init(key, obs.size, action.size).params
+        shapes = [jax.tree.map(jnp.shape, tree) for tree in (one.params, fresh)]
         return shapes[0] == shapes[1]
 
-    shapes = jax.tree.map(lambda x: x[0], (policy.params, policy.normalizer))
     fits: list[bool] = []
     # Acting on parameters of another kind fails in as many ways as there are kinds.
     with contextlib.suppress(Exception):
-        jax.eval_shape(lambda *args: fits.append(same_shapes(*args)), *shapes, jax.random.key(0))
-    return fits == [True] and len(policy.normalizer.mean) == seeds
+        jax.eval_shape(lambda *args: fits.append(same_shapes(*args)), policy, jax.random.key(0))
+    return fits == [True] and len(policy.normalizer.mean) == trainings
 
 
 def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: bool = False) -> None:

@@ -22,9 +22,13 @@ from hitmdp_jax.learning.rollout import RolloutState, collect
 CAUSES = ("none", "reward", "loss", "parameters")  # what was not finite where a seed diverged
 
 
+Hyperparameters = dict[str, jax.Array]  # float hyperparameter -> its value
+
+
 class TrainState(struct.PyTreeNode):
     """Everything a training run consists of: continuing from it is exact."""
 
+    hyperparameters: Hyperparameters  # of this training, in place of the agent's own
     learner: LearnerState
     normalizer: RunningStatisticsState
     rollout: RolloutState
@@ -35,7 +39,7 @@ class TrainState(struct.PyTreeNode):
     cause: jax.Array  # int32, the place in CAUSES of what was not finite
 
 
-Init = Callable[[jax.Array], TrainState]
+Init = Callable[..., TrainState]  # of a key and, in place of the agent's, of `Hyperparameters`
 Iterate = Callable[[TrainState], tuple[TrainState, Metrics]]
 
 
@@ -88,8 +92,9 @@ def make_train(
       stagger: start the first episodes at random points of the time limit.
 
     Returns:
-      `init(key) -> TrainState` and `step(TrainState) -> (TrainState, metrics)`, one iteration:
-      collect a rollout, update the normaliser and the agent. Metrics are scalars and [K] counts.
+      `init(key, hyperparameters={}) -> TrainState` and `step(TrainState) -> (TrainState, metrics)`,
+      one iteration: collect a rollout, update the normaliser and the agent. Metrics are scalars and
+      [K] counts. Hyperparameters by name replace the agent's own and stay with the state.
 
     Raises:
       UsageError: a size is not positive or does not divide, a hyperparameter is out of range, or an
@@ -123,15 +128,18 @@ class Program:
     rollout_length: int
     iterations: int  # of the whole run
 
-    def init(self, key: jax.Array) -> TrainState:
+    def init(self, key: jax.Array, hyperparameters: Hyperparameters | None = None) -> TrainState:
         """Return the state before the first iteration."""
+        hyperparameters = hyperparameters or {}
+        agent = self.agent.replace(**hyperparameters)
         key, key_agent, key_env, key_memory = jax.random.split(key, 4)
         task = self.env.env
         assert isinstance(task.observation_size, int)
-        memory = self.agent.initial_memory(key_memory, (self.env.num_envs,))
+        memory = agent.initial_memory(key_memory, (self.env.num_envs,))
         zero = jnp.zeros((), jnp.int32)
         return TrainState(
-            learner=self.agent.init(key_agent, task.observation_size, task.action_size),
+            hyperparameters=hyperparameters,
+            learner=agent.init(key_agent, task.observation_size, task.action_size),
             normalizer=initial_statistics(task.observation_size),
             rollout=RolloutState(self.env.reset(key_env), memory),
             episodes=EpisodeWindow.empty(),
@@ -144,7 +152,8 @@ class Program:
     def step(self, state: TrainState) -> tuple[TrainState, Metrics]:
         """Collect a rollout with the agent as it is at this point of the run, and learn from it."""
         key, key_rollout, key_update = jax.random.split(state.key, 3)
-        agent = self.agent.scheduled(state.iteration / self.iterations)
+        agent = self.agent.replace(**state.hyperparameters)
+        agent = agent.scheduled(state.iteration / self.iterations)
         rollout, batch, outcome, obs = collect(
             agent,
             state.learner.params,
@@ -257,6 +266,7 @@ def transfer(old: TrainState, new: TrainState) -> TrainState:
     progress start anew (DAC, Zhang & Whiteson 2019, sec. 5.2, without its carried-over episodes).
     """
     return new.replace(
+        hyperparameters=old.hyperparameters,
         learner=old.learner,
         normalizer=old.normalizer,
         key=old.key,

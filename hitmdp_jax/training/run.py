@@ -1,6 +1,7 @@
 """A run as its settings describe it: its tasks, agent and programs, and how far it has come."""
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,8 +12,16 @@ from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.training.checkpoint import Checkpoints, Progress
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.program import Init, Iterate, TrainState, make_train, repeat, transfer
-from hitmdp_jax.training.sweep import Device, devices_for, place, sweep
+from hitmdp_jax.training.devices import Device, devices_for, place, spread
+from hitmdp_jax.training.program import (
+    Hyperparameters,
+    Init,
+    Iterate,
+    TrainState,
+    make_train,
+    repeat,
+    transfer,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,19 +30,19 @@ class Run:
 
     config: RunConfig
     agent: Agent
-    devices: list[Device]  # which share the seeds
+    devices: list[Device]  # which share the trainings
     envs: list[Env]  # one a task
 
     @classmethod
     def create(cls, config: RunConfig) -> "Run":
         """Make the tasks and the agent; the engine shares its cores out among the devices."""
-        devices = devices_for(config.seeds)
+        devices = devices_for(len(config.trainings))
         engine = find_engine(config.physics).shared(len(devices))
         envs = [make_env(**task, physics=engine) for task in config.tasks]
         return cls(config, config.make_agent(), devices, envs)
 
     def program(self, task: int) -> tuple[Init, Iterate]:
-        """Return init and step of one seed on a task; a step is one report's iterations."""
+        """Return init and step of one training on a task; a step is one report's iterations."""
         config = self.config
         init, step = make_train(
             self.agent,
@@ -45,37 +54,57 @@ class Run:
         return init, repeat(step, config.iterations_per_report)
 
     def programs(self, task: int) -> tuple[Init, Iterate]:
-        """Return init and step of all seeds on a task, ready to compile."""
-        return sweep(*self.program(task), self.devices)
+        """Return init and step of all trainings on a task, ready to compile."""
+        return spread(*self.program(task), self.devices)
 
     def keys(self) -> jax.Array:
-        """Return the seeds' keys [S]: seed i gets the same whether it runs alone or in company."""
-        return jax.vmap(jax.random.key)(self.config.seed + jnp.arange(self.config.seeds))
+        """Return the trainings' keys [R]: a seed's is the same alone, in company and in a sweep."""
+        seeds = [training.seed for training in self.config.trainings]
+        return jax.vmap(jax.random.key)(jnp.array(seeds, jnp.uint32))
+
+    def hyperparameters(self) -> Hyperparameters:
+        """Return the trainings' float hyperparameters, [R] each.
+
+        They are the program's inputs rather than part of it: another value compiles nothing anew.
+        """
+        size = len(self.config.trainings)
+        leaves = jax.tree.leaves_with_path(self.agent)
+        own = {path[0].name: jnp.full(size, value, jnp.float32) for path, value in leaves}
+        return own | jax.tree.map(jnp.asarray, self.config.swept)
 
     def begin(self, task: int, progress: Progress, init: Init) -> TrainState:
-        """Return the state [S, ...] in which a run goes on with a task, on its devices.
+        """Return the state [R, ...] in which a run goes on with a task, on its devices.
 
         Args:
           task: the task's place.
           progress: where the run stands.
-          init: the task's init of all seeds.
+          init: the task's init of all trainings.
         """
         state = progress.state
         if state is None:
-            state = init(place(self.keys(), self.devices))
+            state = init(*place((self.keys(), self.hyperparameters()), self.devices))
         elif progress.task != task:
             state = place(state, self.devices)
             # The run's own key goes on splitting; another task's start must not repeat what it
             # gives.
             keys = jax.vmap(jax.random.fold_in, in_axes=(0, None))(state.key, task)
-            state = transfer(state, init(place(keys, self.devices)))
+            state = transfer(state, init(keys, state.hyperparameters))
         # Laid out alike, fresh or restored: the program is one, and is compiled once for both.
         return place(state, self.devices)
 
     def abstract_state(self, task: int) -> TrainState:
-        """Return the shapes and types of the state [S, ...] while the run is on a task."""
+        """Return the shapes and types of the state [R, ...] while the run is on a task."""
         init, _ = self.program(task)
-        return jax.eval_shape(jax.vmap(init), jax.eval_shape(self.keys))
+        return jax.eval_shape(lambda: jax.vmap(init)(self.keys(), self.hyperparameters()))
+
+    def own(self, tree: Any) -> Any:
+        """Return the arrays [R, ...] of the run's trainings, without what `place` repeated."""
+        size = len(self.config.trainings)
+        return jax.tree.map(lambda x: x if len(x) == size else x[:size], tree)
+
+    def saved(self, progress: Progress) -> Progress:
+        """Return what a checkpoint keeps of where the run stands."""
+        return dataclasses.replace(progress, state=self.own(progress.state))
 
     def restore(self, checkpoints: Checkpoints) -> Progress:
         """Return where the newest readable checkpoint says the run stands."""

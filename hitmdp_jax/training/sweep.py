@@ -1,55 +1,121 @@
-"""Seeds as an axis of one compiled program, spread over the devices."""
+"""A sweep: hyperparameters that differ between the trainings of one program."""
 
-from typing import Any, TypeAlias
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-import jax
 import numpy as np
-from jax.sharding import Mesh, NamedSharding
-from jax.sharding import PartitionSpec as P
 
-from hitmdp_jax.training.program import Init, Iterate
+from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 
-AXIS = "seed"
-Device: TypeAlias = Any  # a jax.Device, which type checkers do not see as a class
-
-
-def devices_for(num_seeds: int) -> list[Device]:
-    """Return the devices a sweep runs on: as many as divide its seeds evenly."""
-    devices = jax.local_devices()
-    return devices[: num_shards(num_seeds, len(devices))]
+PREFIX = "algo."
+RANGES = ("uniform", "log_uniform")
+FORM = "{algo.learning_rate:[1e-4,3e-4]} or {algo.learning_rate:{log_uniform:[1e-5,1e-3]}}"
 
 
-def num_shards(num_seeds: int, num_devices: int) -> int:
-    """Return how many of the devices divide the seeds evenly, at most."""
-    return max(n for n in range(1, num_devices + 1) if num_seeds % n == 0)
+@dataclasses.dataclass(frozen=True)
+class Training:
+    """One training of a run: a seed, under one setting of what the run sweeps."""
+
+    seed: int
+    setting: int  # the place of its setting among the sweep's, from 0
+    swept: dict[str, float] = dataclasses.field(hash=False)  # hyperparameter -> its value
+
+    @property
+    def name(self) -> str:
+        """What it is called in a sentence."""
+        return f"seed {self.seed}" + (f" of {label(self.swept)}" if self.swept else "")
 
 
-def sweep(init: Init, step: Iterate, devices: list[Device]) -> tuple[Init, Iterate]:
-    """Map a training run over a leading axis of keys, sharded over devices, compiled.
-
-    XLA's CPU back end runs programs this small on one core; presented as devices, the cores share
-    the seeds. Nothing crosses between devices.
+def check_sweep(sweep: Any, samples: Any, fields: Mapping[str, Any]) -> None:
+    """Check what a run is asked to sweep.
 
     Args:
-      init: `init(key) -> TrainState` of one run.
-      step: `step(TrainState) -> (TrainState, metrics)` of one run.
-      devices: where to run; their number divides the number of keys.
+      sweep: `algo.` and a float hyperparameter -> a list of values, or a range such as
+        {"log_uniform": [1e-5, 1e-3]}; or None.
+      samples: how many settings are drawn at random; None takes every combination.
+      fields: the hyperparameters' defaults, by name.
 
-    Returns:
-      The same two functions of keys [S] and states [S, ...].
+    Raises:
+      UsageError: saying what is wrong, and what would do.
     """
-    # A seed's initialisation is many small factorisations and runs once: one seed after another,
-    # since batches of them can starve XLA's CPU thread pool for ever.
-    functions = (lambda keys: jax.lax.map(init, keys), jax.vmap(step))
-    if len(devices) == 1:
-        return tuple(jax.jit(f) for f in functions)  # pyright: ignore[reportReturnType]
-    mesh = Mesh(np.array(devices), (AXIS,))
-    specs = {"mesh": mesh, "in_specs": P(AXIS), "out_specs": P(AXIS)}
-    return tuple(  # pyright: ignore[reportReturnType]
-        jax.jit(jax.shard_map(f, **specs, check_vma=False)) for f in functions
+    if samples is not None and not sweep:
+        raise UsageError(f"samples = {samples} draws from a sweep: give one, e.g. sweep={FORM}.")
+    if sweep is None:
+        return
+    if not isinstance(sweep, Mapping) or not sweep:
+        raise UsageError(f"sweep = {sweep} must name what is swept, e.g. {FORM}.")
+    floats = [PREFIX + name for name, default in fields.items() if isinstance(default, float)]
+    for name, values in sweep.items():
+        if str(name).removeprefix(PREFIX) in fields and PREFIX in str(name) and name not in floats:
+            raise UsageError(
+                f"{name} shapes the program, so one program cannot sweep it: use -m. "
+                f"sweep takes {', '.join(floats)}."
+            )
+        if name not in floats:
+            raise unknown_name("swept hyperparameter", str(name), floats)
+        _check_values(str(name), values, samples)
+
+
+def _check_values(name: str, values: Any, samples: int | None) -> None:
+    if isinstance(values, Mapping):
+        kind, ends = next(iter(values.items())) if len(values) == 1 else (str(values), [])
+        if kind not in RANGES:
+            raise unknown_name(f"range of {name}", str(kind), RANGES)
+        if not _are_numbers(ends) or len(ends) != 2 or not ends[0] < ends[1]:
+            raise out_of_domain(f"sweep: {kind} of {name}", ends, "two ascending numbers")
+        if kind == "log_uniform" and ends[0] <= 0:
+            raise out_of_domain(f"sweep: {kind} of {name}", ends, "two ascending numbers above 0")
+        if samples is None:
+            raise UsageError(f"sweep: {name} is drawn from a range: say how often, samples=20.")
+    elif not _are_numbers(values) or not values:
+        raise out_of_domain(f"sweep: {name}", values, "a list of numbers or a range")
+    elif len(set(values)) < len(values):
+        raise UsageError(f"sweep: {name} = {list(values)} lists a value twice.")
+
+
+def _are_numbers(values: Any) -> bool:
+    return isinstance(values, list | tuple) and all(
+        isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x) for x in values
     )
 
 
-def place(tree: Any, devices: list[Device]) -> Any:
-    """Lay arrays [S, ...] out over the devices."""
-    return jax.device_put(tree, NamedSharding(Mesh(np.array(devices), (AXIS,)), P(AXIS)))
+def settings_of(
+    sweep: Mapping[str, Any] | None, samples: int | None, seed: int
+) -> list[dict[str, float]]:
+    """Return the settings of a checked sweep: each combination, or so many drawn from `seed`."""
+    if not sweep:
+        return [{}]
+    if samples is None:
+        combinations = itertools.product(*sweep.values())
+        return [dict(zip(sweep, map(float, values), strict=True)) for values in combinations]
+    rng = np.random.default_rng(seed)
+    return [{name: _drawn(values, rng) for name, values in sweep.items()} for _ in range(samples)]
+
+
+def _drawn(values: Any, rng: np.random.Generator) -> float:
+    if not isinstance(values, Mapping):
+        return float(rng.choice(values))
+    ((kind, (low, high)),) = values.items()
+    if kind == "log_uniform":
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    return float(rng.uniform(low, high))
+
+
+def label(swept: Mapping[str, float]) -> str:
+    """Return a setting as text: `learning_rate=0.0003, gamma=0.99`."""
+    return ", ".join(f"{name.removeprefix(PREFIX)}={value:.4g}" for name, value in swept.items())
+
+
+def sweep_columns(trainings: Sequence[Training]) -> tuple[str, ...]:
+    """Return the columns that tell a sweep's settings apart in a table; none without a sweep."""
+    swept = trainings[0].swept
+    return ("setting", *swept) if swept else ()
+
+
+def index_values(training: Training) -> tuple[float, ...]:
+    """Return a training's seed and its values of `sweep_columns`."""
+    own = (training.setting, *training.swept.values()) if training.swept else ()
+    return (training.seed, *own)

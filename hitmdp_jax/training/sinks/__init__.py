@@ -23,8 +23,8 @@ def open_sinks(config: RunConfig, run_dir: Path, resume_after: int) -> list[Sink
       UsageError: a sink that was asked for is not installed.
     """
     sinks: list[Sink] = [
-        CsvSink(run_dir, config.seed, resume_after),
-        TensorboardSink(run_dir, resume_after * config.steps_per_iteration),
+        CsvSink(run_dir, config.trainings, resume_after),
+        TensorboardSink(run_dir, config.trainings, resume_after * config.steps_per_iteration),
     ]
     if config.wandb != "off":
         require_wandb()

@@ -1,6 +1,7 @@
-"""TensorBoard events: the mean over seeds of every metric, and its deviation."""
+"""TensorBoard events: the mean over the seeds of a setting, and their deviation."""
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore
 from tensorboardX.summary import scalar
 
 from hitmdp_jax.training.sinks.base import Values, columns
+from hitmdp_jax.training.sweep import Training, label
 
 FLUSH_INTERVAL = 5.0  # seconds; every flush waits for the disk
 
@@ -16,47 +18,63 @@ FLUSH_INTERVAL = 5.0  # seconds; every flush waits for the disk
 class TensorboardSink:
     """Writes events beside metrics.csv, at environment steps of one seed.
 
+    The settings of a sweep have a folder each in `settings/`, which TensorBoard shows as runs.
+
     It writes in the caller's thread: `SummaryWriter`'s own may hold points back when the process is
     killed, and a checkpoint must not be ahead of them.
 
     Args:
       run_dir: the run's folder.
+      trainings: what each row of the metrics belongs to.
       resume_after: environment steps whose points stay; later ones of an earlier process do not.
     """
 
     name = "TensorBoard"
 
-    def __init__(self, run_dir: Path, resume_after: int = 0):
-        # Files are named by the second: one that resumes at once must not take another's.
-        self._events = EventsWriter(str(run_dir / "events"), f".{resume_after}")
+    def __init__(self, run_dir: Path, trainings: Sequence[Training], resume_after: int = 0):
+        self._settings = np.array([training.setting for training in trainings])
+        labels = {training.setting: label(training.swept) for training in trainings}
+        self._writers = []
+        for text in labels.values():
+            folder = run_dir / "settings" / text.replace(", ", ",") if text else run_dir
+            folder.mkdir(parents=True, exist_ok=True)
+            # Files are named by the second: one that resumes at once must not take another's.
+            self._writers.append(EventsWriter(str(folder / "events"), f".{resume_after}"))
         self._last_flush = time.monotonic()
         if resume_after:
             start = SessionLog(status=SessionLog.START)
-            self._write(Event(session_log=start, step=resume_after + 1))
+            for writer in self._writers:
+                _write(writer, Event(session_log=start, step=resume_after + 1))
 
     def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
         """Add a point to each curve."""
         for name, x in columns(metrics):
-            known = x[~np.isnan(x)]
-            if known.size:
-                self._point(f"{name}/mean", known.mean(), env_steps)
-                if len(x) > 1:
-                    self._point(f"{name}/std", known.std(), env_steps)
+            for setting, writer in enumerate(self._writers):
+                own = x[self._settings == setting]
+                known = own[~np.isnan(own)]
+                if known.size:
+                    _point(writer, f"{name}/mean", known.mean(), env_steps)
+                    if len(own) > 1:
+                        _point(writer, f"{name}/std", known.std(), env_steps)
         if time.monotonic() - self._last_flush > FLUSH_INTERVAL:
             self.flush()
 
     def flush(self) -> None:
         """Put on disk what was written."""
-        self._events.flush()
+        for writer in self._writers:
+            writer.flush()
         self._last_flush = time.monotonic()
 
     def close(self) -> None:
-        """Flush and close the file."""
-        self._events.close()
+        """Flush and close the files."""
+        for writer in self._writers:
+            writer.close()
 
-    def _point(self, name: str, value: np.floating, env_steps: int) -> None:
-        self._write(Event(summary=scalar(name, float(value)), step=env_steps))
 
-    def _write(self, event: Event) -> None:
-        event.wall_time = time.time()
-        self._events.write_event(event)
+def _point(writer: EventsWriter, name: str, value: np.floating, env_steps: int) -> None:
+    _write(writer, Event(summary=scalar(name, float(value)), step=env_steps))
+
+
+def _write(writer: EventsWriter, event: Event) -> None:
+    event.wall_time = time.time()
+    writer.write_event(event)

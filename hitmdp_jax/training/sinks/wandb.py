@@ -1,4 +1,4 @@
-"""Weights & Biases: one run of theirs for the program, or one for each seed."""
+"""Weights & Biases: one run of theirs for the program, or one for each training."""
 
 import importlib.util
 from pathlib import Path
@@ -9,6 +9,7 @@ import numpy as np
 from hitmdp_jax.errors import missing_extra
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.sinks.base import Values, columns
+from hitmdp_jax.training.sweep import Training
 
 
 def require_wandb() -> None:
@@ -26,7 +27,8 @@ class WandbSink:
 
     Args:
       run_dir: the run's folder, whose name groups the runs.
-      config: the run's settings. `wandb` is "program" (means over seeds) or "seed".
+      config: the run's settings. `wandb` is "program" (means over all trainings) or "seed"
+        (one of theirs for each training).
     """
 
     name = "Weights & Biases"
@@ -35,24 +37,28 @@ class WandbSink:
         import wandb
 
         self._by_seed = config.wandb == "seed"
-        seeds = range(config.seed, config.seed + config.seeds) if self._by_seed else [None]
+        trainings = config.trainings if self._by_seed else [None]
         folder = run_dir.absolute()
 
-        def begin(seed: int | None) -> Any:
-            name = folder.name if seed is None else f"{folder.name}-seed{seed}"
+        def begin(training: Training | None) -> Any:
+            name, settings = folder.name, config.to_dict()
+            if training is not None:
+                setting = f"-setting{training.setting}" if training.swept else ""
+                name += f"{setting}-seed{training.seed}"
+                settings |= {"seed": training.seed, "swept": training.swept}
             return wandb.init(
                 project="hitmdp_jax",
                 dir=str(folder),
                 name=name,
                 id=f"{folder.parent.parent.name}-{folder.parent.name}-{name}".replace("/", "-"),
                 group=folder.name,
-                config=config.to_dict(),
+                config=settings,
                 resume="allow",
                 reinit="create_new",
                 settings=wandb.Settings(silent=True),
             )
 
-        self._runs = [begin(seed) for seed in seeds]
+        self._runs = [begin(training) for training in trainings]
 
     def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
         """Log what is known."""

@@ -1,0 +1,176 @@
+"""Whole trainings in turns with other libraries': `python -m benchmarks.peers` (extra `peers`).
+
+HalfCheetah, 16 environments x 128 steps, minibatches of 64, 10 epochs, bodies of 64 x 64 for all.
+Each training runs in a process of its own; the speed is that of the whole training loop, metrics
+and checkpoints included, after its first update, whose time stands beside it.
+"""
+
+import argparse
+import csv
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+TASK = "HalfCheetah-v5"
+NUM_ENVS, LENGTH, MINIBATCH, EPOCHS, SIZES = 16, 128, 64, 10, (64, 64)
+STEPS = NUM_ENVS * LENGTH  # of an iteration
+SETTINGS = ("env=halfcheetah", f"num_envs={NUM_ENVS}", f"rollout_length={LENGTH}")
+
+Figures = dict[str, float]  # steps_per_second of all seeds together, first_update_s
+
+
+def ours(algo: str, physics: str, seeds: int, seconds: float) -> Figures:
+    """Train by the command line until the time is up."""
+    with tempfile.TemporaryDirectory() as folder:
+        run_dir = Path(folder) / "run"
+        command = [
+            sys.executable, "-m", "hitmdp_jax.train", *SETTINGS, f"algo={algo}",
+            f"physics={physics}", f"seeds={seeds}", "total_steps=1e9", f"run_dir={run_dir}",
+        ]  # fmt: skip
+        start = time.perf_counter()
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+            while not _rows(run_dir):
+                time.sleep(0.05)
+                if process.poll() is not None:
+                    raise RuntimeError(f"{' '.join(command)} failed")
+            first = time.perf_counter() - start
+            time.sleep(seconds)
+            process.terminate()
+        # The first rows' speed contains the start.
+        speeds = [float(row["steps_per_second"]) for row in _rows(run_dir)[11 * seeds :: seeds]]
+    return {"steps_per_second": seeds * statistics.median(speeds), "first_update_s": first}
+
+
+def _rows(run_dir: Path) -> list[dict[str, str]]:
+    path = run_dir / "metrics.csv"
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(line for line in file if line.endswith("\n")))
+
+
+def sb3(seconds: float, library: Any = None) -> Figures:
+    """Train Stable-Baselines3's PPO, or that of a library of its interface, on Gymnasium's task."""
+    import stable_baselines3  # pyright: ignore
+    from stable_baselines3.common.callbacks import BaseCallback  # pyright: ignore
+    from stable_baselines3.common.env_util import make_vec_env  # pyright: ignore
+
+    start = time.perf_counter()
+    times = []
+
+    class Clock(BaseCallback):
+        def _on_step(self) -> bool:
+            return len(times) < 2 or time.perf_counter() - times[0] < seconds
+
+        def _on_rollout_start(self) -> None:
+            if self.num_timesteps:  # each rollout but the first follows an update
+                times.append(time.perf_counter())
+
+    model = (library or stable_baselines3).PPO(
+        "MlpPolicy", make_vec_env(TASK, NUM_ENVS), n_steps=LENGTH, batch_size=MINIBATCH,
+        n_epochs=EPOCHS, policy_kwargs={"net_arch": list(SIZES)}, device="cpu",
+    )  # fmt: skip
+    model.learn(10**9, callback=Clock())
+    steps = STEPS * (len(times) - 1)
+    return {
+        "steps_per_second": steps / (times[-1] - times[0]),
+        "first_update_s": times[0] - start,
+    }
+
+
+def sbx(seconds: float) -> Figures:
+    """Train SBX's PPO, Stable-Baselines3's sibling in JAX, on Gymnasium's task."""
+    import sbx  # pyright: ignore
+
+    return sb3(seconds, sbx)
+
+
+def rejax(seconds: float) -> Figures:
+    """Train Rejax's PPO, one program as ours, on Brax's HalfCheetah (simpler physics)."""
+    import jax
+    from rejax import PPO  # pyright: ignore
+
+    iterations = 10
+    ppo = PPO.create(
+        env="brax/halfcheetah", env_params={"backend": "generalized"}, num_envs=NUM_ENVS,
+        num_steps=LENGTH, num_minibatches=STEPS // MINIBATCH, num_epochs=EPOCHS,
+        total_timesteps=iterations * STEPS, skip_initial_evaluation=True,
+        eval_freq=iterations * STEPS, agent_kwargs={"hidden_layer_sizes": SIZES},
+    )  # fmt: skip
+    train = jax.jit(ppo.train)
+    start = time.perf_counter()
+    jax.block_until_ready(train(jax.random.key(0)))
+    first = time.perf_counter() - start
+    speeds = []
+    while time.perf_counter() - start - first < seconds:
+        begin = time.perf_counter()
+        jax.block_until_ready(train(jax.random.key(len(speeds))))
+        speeds.append(iterations * STEPS / (time.perf_counter() - begin))
+    return {"steps_per_second": statistics.median(speeds), "first_update_s": first}
+
+
+ROWS: dict[str, Callable[[float], Figures]] = {
+    "sb3 PPO": sb3,
+    "sbx PPO": sbx,
+    "rejax PPO (Brax physics)": rejax,
+    "hitmdp_jax PPO": lambda seconds: ours("ppo", "native", 1, seconds),
+    "hitmdp_jax MOPG": lambda seconds: ours("mopg", "native", 1, seconds),
+    "hitmdp_jax MOPG, mjx": lambda seconds: ours("mopg", "mjx", 1, seconds),
+    "hitmdp_jax PPO, 10 seeds": lambda seconds: ours("ppo", "native", 10, seconds),
+    "hitmdp_jax MOPG, 10 seeds": lambda seconds: ours("mopg", "native", 10, seconds),
+}
+
+
+def in_own_process(name: str, seconds: float, cache: str) -> Figures | None:
+    """Measure one row as a fresh process sees it; None where its library does not run here."""
+    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": cache}
+    command = [sys.executable, "-m", "benchmarks.peers", "--row", name, "--seconds", str(seconds)]
+    out = subprocess.run(command, capture_output=True, text=True, env=environment)
+    if out.returncode:
+        print(f"{name}: {(out.stderr.splitlines() or ['failed'])[-1]}", file=sys.stderr)
+        return None
+    return json.loads(out.stdout.splitlines()[-1])
+
+
+def main() -> None:
+    """Print the table, or one row of it as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=20.0, help="of training, each turn")
+    parser.add_argument("--turns", type=int, default=3, help="turns, of which the median is told")
+    parser.add_argument("--only", nargs="+", default=list(ROWS), help="these rows")
+    parser.add_argument("--row", help="measure one row in this process")
+    options = parser.parse_args()
+    if options.row:
+        print(json.dumps(ROWS[options.row](options.seconds)))
+        return
+    found: dict[str, list[Figures]] = {name: [] for name in options.only}
+    with tempfile.TemporaryDirectory() as cache:
+        for name in list(found) * options.turns:
+            if name in found and (figures := in_own_process(name, options.seconds, cache)):
+                found[name].append(figures)
+            else:
+                found.pop(name, None)
+    base = _median(found.get("sb3 PPO", []), "steps_per_second")
+    print("| training | env steps/s | x sb3 | first update (s) |\n| --- | --- | --- | --- |")
+    for name, turns in found.items():
+        speed = _median(turns, "steps_per_second")
+        # The first turn compiles; the later ones find that in the cache.
+        starts = " / ".join(
+            f"{turns[i]['first_update_s']:.0f}" for i in sorted({0, len(turns) - 1})
+        )
+        print(f"| {name} | {speed:,.0f} | {speed / base:.1f} | {starts} |")
+
+
+def _median(turns: list[Figures], name: str) -> float:
+    return statistics.median(figures[name] for figures in turns) if turns else float("nan")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+"""Tables of text: printed, and written as CSV and as Markdown."""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+Rows = Sequence[Sequence[str]]  # the header first
+
+
+def show(rows: Rows) -> None:
+    """Print a table."""
+    header, *rest = rows
+    printed = Table(*header)
+    for row in rest:
+        printed.add_row(*row)
+    Console().print(printed)
+
+
+def save(rows: Rows, folder: Path, name: str) -> None:
+    """Write a table as `name.csv` and `name.md`."""
+    with (folder / f"{name}.csv").open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    lines = [" | ".join(row) for row in rows]
+    lines.insert(1, " | ".join("---" for _ in rows[0]))
+    (folder / f"{name}.md").write_text("".join(f"| {line} |\n" for line in lines))
