@@ -86,32 +86,23 @@ def exit_code_of(function):
     return 0
 
 
-@pytest.fixture(scope="package")
-def launch(variables):
-    """Start `python -m hitmdp_jax.<name> ...` in a folder and return the process."""
+@pytest.fixture
+def start(variables, tmp_path):
+    """Start `python -m hitmdp_jax.<name> ...` and return the process."""
+    processes = []
 
-    def begin(name, *arguments, cwd):
+    def begin(name, *arguments):
         with signals_heard():
-            return subprocess.Popen(
+            process = subprocess.Popen(
                 [sys.executable, "-m", f"hitmdp_jax.{name}", *map(str, arguments)],
-                cwd=cwd,
+                cwd=tmp_path,
                 env=os.environ | variables,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 text=True,
             )
-
-    return begin
-
-
-@pytest.fixture
-def start(launch, tmp_path):
-    """Start `python -m hitmdp_jax.<name> ...`; it is killed at the end of the test."""
-    processes = []
-
-    def begin(name, *arguments):
-        processes.append(launch(name, *arguments, cwd=tmp_path))
-        return processes[-1]
+        processes.append(process)
+        return process
 
     yield begin
     for process in processes:
@@ -120,14 +111,12 @@ def start(launch, tmp_path):
 
 
 @pytest.fixture(scope="package")
-def finished(launch, tmp_path_factory):
-    """A finished run of two seeds, 3 and 4, by a process of its own; tests leave it as it is."""
-    folder = tmp_path_factory.mktemp("runs")
-    run_dir = folder / "run"
-    process = launch("train", *FINISHED, "total_steps=8192", f"run_dir={run_dir}", cwd=folder)
-    out, err = process.communicate(timeout=300)
-    assert process.returncode == 0, err
-    return run_dir, subprocess.CompletedProcess(process.args, 0, out, err)
+def finished(command, tmp_path_factory):
+    """A finished run of two seeds, 3 and 4; tests leave it as it is."""
+    run_dir = tmp_path_factory.mktemp("runs") / "run"
+    result = command("train", *FINISHED, "total_steps=8192", f"run_dir={run_dir}")
+    assert result.returncode == 0, result.stderr
+    return run_dir, result
 
 
 FINISHED = ("env=invertedpendulum", "physics=native", "algo.num_epochs=1", "seeds=2", "seed=3")
