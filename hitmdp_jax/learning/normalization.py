@@ -12,7 +12,7 @@ MIN_STD = 1e-4
 def initial_statistics(observation_size: int) -> RunningStatisticsState:
     """Return the statistics of no observation: mean 0, standard deviation 1."""
     statistics = running_statistics.init_state(jnp.zeros(observation_size))
-    # Brax's Python numbers take the types that a checkpoint gives them: one program serves both.
+    # Brax's Python numbers get the types they have in a checkpoint: the program is one for both.
     return jax.tree.map(lambda x: jnp.asarray(x, jnp.asarray(x).dtype), statistics)
 
 

@@ -88,7 +88,7 @@ class Run:
             # The run's own key goes on splitting; another task's start must not repeat what it
             # gives.
             keys = jax.vmap(jax.random.fold_in, in_axes=(0, None))(state.key, task)
-            state = transfer(state, init(place(keys, self.devices), state.hyperparameters))
+            state = transfer(state, init(keys, state.hyperparameters))
         # Laid out alike, fresh or restored: the program is one, and is compiled once for both.
         return place(state, self.devices)
 

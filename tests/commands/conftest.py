@@ -1,5 +1,6 @@
 import contextlib
 import csv
+import dataclasses
 import importlib
 import io
 import os
@@ -13,6 +14,8 @@ from pathlib import Path
 import jax
 import pytest
 
+from hitmdp_jax.training.config import BESIDE_THE_POINT
+from hitmdp_jax.training.run import Run
 from tests.signals import signals_heard
 
 CHECKOUT = Path(__file__).parents[2]
@@ -38,9 +41,16 @@ def variables(compilation_cache):
 def command(variables, tmp_path_factory):
     """Run `python -m hitmdp_jax.<name> ...` to its end in an empty folder, or `cwd`.
 
-    In this process: another one would take seconds to import what is imported here.
+    In this process: another one would take seconds to import what is imported here. Runs that
+    differ in nothing that is compiled share a program.
     """
     folder = tmp_path_factory.mktemp("cwd")
+    programs, known = Run.programs, {}
+
+    def shared(run, task):
+        beside = dict.fromkeys(("seed", "total_steps", *BESIDE_THE_POINT), 1)
+        compiled = str(dataclasses.replace(run.config, **beside)), task
+        return known.get(compiled) or known.setdefault(compiled, programs(run, task))
 
     def run(name, *arguments, cwd=folder):
         module = importlib.import_module(f"hitmdp_jax.commands.{name}")
@@ -56,6 +66,7 @@ def command(variables, tmp_path_factory):
             patch.setattr(module, "set_up_host", lambda *args: None, raising=False)
             for name_and_value in variables.items():
                 patch.setenv(*name_and_value)
+            patch.setattr(Run, "programs", shared)
             patch.chdir(cwd)
             code = exit_code_of(module.main)
         return subprocess.CompletedProcess(name, code, out.getvalue(), err.getvalue())
@@ -75,32 +86,23 @@ def exit_code_of(function):
     return 0
 
 
-@pytest.fixture(scope="package")
-def launch(variables):
-    """Start `python -m hitmdp_jax.<name> ...` in a folder and return the process."""
+@pytest.fixture
+def start(variables, tmp_path):
+    """Start `python -m hitmdp_jax.<name> ...` and return the process."""
+    processes = []
 
-    def begin(name, *arguments, cwd):
+    def begin(name, *arguments):
         with signals_heard():
-            return subprocess.Popen(
+            process = subprocess.Popen(
                 [sys.executable, "-m", f"hitmdp_jax.{name}", *map(str, arguments)],
-                cwd=cwd,
+                cwd=tmp_path,
                 env=os.environ | variables,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 text=True,
             )
-
-    return begin
-
-
-@pytest.fixture
-def start(launch, tmp_path):
-    """Start `python -m hitmdp_jax.<name> ...`; it is killed at the end of the test."""
-    processes = []
-
-    def begin(name, *arguments):
-        processes.append(launch(name, *arguments, cwd=tmp_path))
-        return processes[-1]
+        processes.append(process)
+        return process
 
     yield begin
     for process in processes:
@@ -109,14 +111,12 @@ def start(launch, tmp_path):
 
 
 @pytest.fixture(scope="package")
-def finished(launch, tmp_path_factory):
-    """A finished run of two seeds, 3 and 4, by a process of its own; tests leave it as it is."""
-    folder = tmp_path_factory.mktemp("runs")
-    run_dir = folder / "run"
-    process = launch("train", *FINISHED, "total_steps=8192", f"run_dir={run_dir}", cwd=folder)
-    out, err = process.communicate(timeout=300)
-    assert process.returncode == 0, err
-    return run_dir, subprocess.CompletedProcess(process.args, 0, out, err)
+def finished(command, tmp_path_factory):
+    """A finished run of two seeds, 3 and 4; tests leave it as it is."""
+    run_dir = tmp_path_factory.mktemp("runs") / "run"
+    result = command("train", *FINISHED, "total_steps=8192", f"run_dir={run_dir}")
+    assert result.returncode == 0, result.stderr
+    return run_dir, result
 
 
 FINISHED = ("env=invertedpendulum", "physics=native", "algo.num_epochs=1", "seeds=2", "seed=3")
@@ -133,3 +133,16 @@ def wait_for_rows(run_dir, count, process=None):
     while not (run_dir / "metrics.csv").exists() or len(rows_of(run_dir)) < count:
         assert process is None or process.poll() is None, process.communicate()
         time.sleep(0.05)
+
+
+@contextlib.contextmanager
+def signal_after_rows(signum, run_dir, count=3):
+    """Send this process a signal once a run has written rows; whoever runs must handle it."""
+
+    def send():
+        wait_for_rows(run_dir, count)
+        os.kill(os.getpid(), signum)
+
+    with signals_heard():
+        threading.Thread(target=send, daemon=True).start()
+        yield

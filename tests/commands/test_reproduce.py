@@ -6,7 +6,7 @@ import jax
 import pytest
 
 from hitmdp_jax.training.checkpoint import saved_iterations
-from tests.commands.conftest import rows_of, wait_for_rows
+from tests.commands.conftest import QUICK, rows_of, signal_after_rows
 
 
 def test_theory_writes_its_figures(command, tmp_path):
@@ -45,7 +45,7 @@ def compared(command, tmp_path_factory):
     return folder, settings, result
 
 
-COMPARE = ("compare", "algos=ppo", "env=invertedpendulum", "physics=native", "total_steps=4096")
+COMPARE = ("compare", "algos=ppo", *(x for x in QUICK if x != "algo=ppo"), "total_steps=4096")
 
 
 def test_a_comparison_writes_a_table_and_a_figure(compared):
@@ -71,15 +71,13 @@ def test_a_run_of_other_settings_is_not_taken_for_this_one(compared, command):
     assert "holds a run with other settings (algo.gamma: 0.9 here, 0.99 there)" in other.stderr
 
 
-def test_ctrl_c_reaches_the_training_which_saves_and_goes_on_later(start, tmp_path):
+def test_ctrl_c_reaches_the_training_which_saves_and_goes_on_later(command, tmp_path):
     folder = tmp_path / "both"
     settings = (*COMPARE[:-1], "total_steps=400_000", f"run_dir={folder}")
-    process = start("reproduce", *settings)
-    wait_for_rows(folder / "ppo", 3, process)
-    process.send_signal(signal.SIGINT)
-    out, errors = process.communicate(timeout=60)
-    assert process.returncode == 130, errors
-    assert f"The same command with run_dir={folder} goes on" in out
+    with signal_after_rows(signal.SIGINT, folder / "ppo"):
+        result = command("reproduce", *settings)
+    assert result.returncode == 130, result.stderr
+    assert f"The same command with run_dir={folder} goes on" in result.stdout
     (saved,) = saved_iterations(folder / "ppo")
     rows = rows_of(folder / "ppo")
     assert int(rows[-1]["iteration"]) == saved
