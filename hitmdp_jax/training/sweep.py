@@ -11,6 +11,7 @@ import numpy as np
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 
 PREFIX = "algo."
+MOST_SETTINGS = 10_000
 RANGES = ("uniform", "log_uniform")
 FORM = "{algo.learning_rate:[1e-4,3e-4]} or {algo.learning_rate:{log_uniform:[1e-5,1e-3]}}"
 
@@ -57,6 +58,9 @@ def check_sweep(sweep: Any, samples: Any, fields: Mapping[str, Any]) -> None:
         if name not in floats:
             raise unknown_name("swept hyperparameter", str(name), floats)
         _check_values(str(name), values, samples)
+    settings = samples or math.prod(map(len, sweep.values()))
+    if settings > MOST_SETTINGS:
+        raise UsageError(f"The sweep has {settings:,} settings; at most {MOST_SETTINGS:,} will do.")
 
 
 def _check_values(name: str, values: Any, samples: int | None) -> None:
