@@ -7,6 +7,10 @@ import pytest
 # threads enough for the large batches of MJX that are tested, as `set_up_host` explains.
 jax.config.update("jax_num_cpu_devices", 2)
 os.environ.setdefault("NPROC", "8")
+# A test runs its programs once or twice: compiling them is what takes time. Without these, LLVM's
+# optimisation and MLIR's fusions triple it.
+FAST_TO_COMPILE = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+os.environ["XLA_FLAGS"] = f"{FAST_TO_COMPILE} {os.environ.get('XLA_FLAGS', '')}"
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -5,6 +5,8 @@ from typing import Any
 
 import jax
 
+from tests.programs import compiled
+
 # Not those that return a distribution, which no program can.
 METHODS = {
     "act",
@@ -44,11 +46,11 @@ class Compiled:
         return Compiled(self.agent.replace(**changes))
 
 
-@functools.partial(jax.jit, static_argnums=0, static_argnames="deterministic")
+@functools.partial(compiled, static_argnums=0, static_argnames="deterministic")
 def _call(name: str, agent: Any, *arguments: Any, **keywords: Any) -> Any:
     return getattr(agent, name)(*arguments, **keywords)
 
 
-@functools.partial(jax.jit, static_argnums=(2, 3))
+@functools.partial(compiled, static_argnums=(2, 3))
 def _init(agent: Any, key: jax.Array, observation_size: int, action_size: int) -> Any:
     return agent.init(key, observation_size, action_size)

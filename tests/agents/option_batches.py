@@ -6,41 +6,45 @@ import numpy as np
 
 from hitmdp_jax.learning.options import OptionMemory
 from hitmdp_jax.learning.rollout import Batch
+from tests.programs import compiled
 
 T, B, O, A, K = 5, 3, 4, 2, 4  # noqa: E741
 
 
-def random_params(agent, key):
+SMALL = {"hidden_sizes": (8,)}  # compiles faster than the default
+
+
+def random_params(agent):
     """Return parameters with which options differ by more than rounding."""
-    return add_noise(agent.init(key, O, A).params, key)
+    random = np.random.default_rng(0)
+    shapes = jax.eval_shape(lambda key: agent.init(key, O, A).params, jax.random.key(0))
+    return jax.tree.map(lambda x: random.normal(scale=0.4, size=x.shape).astype(x.dtype), shapes)
 
 
-@jax.jit
-def add_noise(params, key):
-    return jax.tree.map(lambda x: x + 0.3 * jax.random.normal(key, x.shape), params)
-
-
-@jax.jit
-def random_batch(key):
+def random_batch():
     """Return a rollout [T, B]: environment 0 terminates at 2, environment 1 is cut off at 1."""
-    keys = jax.random.split(key, 5)
-    option = jax.random.randint(keys[0], (T, B), 0, K)
-    first = jax.random.randint(keys[1], (1, B), 0, K)
-    obs = jax.random.normal(keys[2], (T + 1, B, O))
-    terminated = jnp.zeros((T, B), bool).at[2, 0].set(True)
-    truncated = jnp.zeros((T, B), bool).at[1, 1].set(True)
-    started = jnp.roll(terminated | truncated, 1, axis=0)
+    random = np.random.default_rng(0)
+    option = random.integers(K, size=(T + 1, B), dtype=np.int32)
+    obs = normal(random, T + 1, B, O)
+    terminated, truncated = np.zeros((2, T, B), bool)
+    terminated[2, 0] = truncated[1, 1] = True
+    started = np.roll(terminated | truncated, 1, axis=0)
     return Batch(
         obs=obs[:-1],
         next_obs=obs[1:],
-        action=jax.random.normal(keys[3], (T, B, A)),
-        memory=OptionMemory(jnp.concatenate([first, option[:-1]]), started),
-        record=option,
-        reward=jax.random.normal(keys[4], (T, B)),
+        action=normal(random, T, B, A),
+        memory=OptionMemory(option[:-1], started),
+        record=option[1:],
+        reward=normal(random, T, B),
         terminated=terminated,
         truncated=truncated,
         started=started,
     )
+
+
+def normal(random, *shape):
+    """Draw standard normal numbers in the precision that agents compute in."""
+    return random.normal(size=shape).astype(np.float32)
 
 
 def flatten(data):
@@ -48,7 +52,7 @@ def flatten(data):
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), data)
 
 
-@jax.jit
+@compiled
 def option_probabilities(heads, previous, initial):
     """Return P(o_t | s_t, o_{t-1}) [K] of one state's heads, summing over the stop b_t."""
     master, stop = jnp.exp(heads.log_master), jax.nn.sigmoid(heads.termination[previous])
@@ -56,7 +60,7 @@ def option_probabilities(heads, previous, initial):
     return (1 - stop) * jnp.eye(K)[previous] + stop * master
 
 
-@jax.jit
+@compiled
 def log_density(params, heads, option, action):
     """Return log pi_o(a | s) of one state's heads, straight from the normal density."""
     std = jnp.log1p(jnp.exp(params["rho"][option]))
@@ -69,8 +73,11 @@ def assert_ascends(loss, objective, params, data):
     def mean_objective(params):
         return jax.vmap(lambda sample: objective(params, sample))(data).mean()
 
-    descent = jax.jit(jax.grad(lambda params: -loss(params, data)[0]))(params)
-    ascent = jax.jit(jax.grad(mean_objective))(params)
+    @jax.jit
+    def gradients(params):
+        descent = jax.grad(lambda params: -loss(params, data)[0])(params)
+        return descent, jax.grad(mean_objective)(params)
+
     jax.tree.map(
-        lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-4), descent, ascent
+        lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-4), *gradients(params)
     )

@@ -37,7 +37,7 @@ def test_leaves_may_be_anything_while_jax_moves_them(leaf):
 def test_an_agent_of_axes_says_what_vmap_sweeps():
     axes = jax.tree.map(lambda _: None, MOPG()).replace(learning_rate=0)
     agent = MOPG(gamma=0.5).replace(learning_rate=jnp.array([0.1, 0.2]))
-    result = jax.vmap(lambda a: a.learning_rate * a.gamma, in_axes=(axes,))(agent)
+    result = jax.jit(jax.vmap(lambda a: a.learning_rate * a.gamma, in_axes=(axes,)))(agent)
     np.testing.assert_allclose(result, [0.05, 0.1], rtol=1e-6)
 
 
@@ -45,7 +45,7 @@ def test_agents_pass_through_transformations():
     agent = MOPG()
     assert jax.jit(lambda a: a.replace(gamma=a.gamma / 2))(agent).gamma == pytest.approx(0.495)
     assert jax.eval_shape(lambda a: a, agent).gamma.shape == ()
-    assert jax.grad(lambda a: a.gamma**2)(agent).gamma == pytest.approx(1.98)
+    assert jax.jit(jax.grad(lambda a: a.gamma**2))(agent).gamma == pytest.approx(1.98)
     again = jax.tree.unflatten(*reversed(jax.tree.flatten(agent)))
     assert again == agent
     paths = [jax.tree_util.keystr(path) for path, _ in jax.tree.leaves_with_path(agent)]
@@ -107,10 +107,15 @@ def test_the_agent_that_acts_is_the_scheduled_one(key):
     # With the action 0 the mean reward is 1 - E x^2 = 2/3; a random one costs its variance.
     train = jax.jit(
         lambda k: hitmdp_jax.train(
-            Silenced(learning_rate=0.0), Target(), k, num_steps=2048, num_envs=64, rollout_length=16
+            Silenced(learning_rate=0.0, hidden_sizes=(8,)),
+            Target(),
+            k,
+            num_steps=2048,
+            num_envs=64,
+            rollout_length=16,
         )
     )
-    returns = train(key)[1]["episode_return"]
+    returns = jax.device_get(train(key)[1]["episode_return"])
     assert returns[0] < 0.5
     assert returns[1] > 0.6
 
@@ -136,12 +141,14 @@ def test_what_is_not_found_is_explained(name, sentence):
 
 def test_the_example_is_short_and_learns(key):
     assert len(EXAMPLE.read_text().splitlines()) < 40
-    agent = find_agent(f"{EXAMPLE}:ClipHigher")(learning_rate=1e-3, num_epochs=2)
+    agent = find_agent(f"{EXAMPLE}:ClipHigher")(
+        learning_rate=3e-3, num_epochs=2, hidden_sizes=(16,)
+    )
     train = jax.jit(
         lambda k: hitmdp_jax.train(
-            agent, Target(), k, num_steps=80 * 128, num_envs=8, rollout_length=16
+            agent, Target(), k, num_steps=40 * 128, num_envs=8, rollout_length=16
         )
     )
-    metrics = train(key)[1]
+    metrics = jax.device_get(train(key)[1])
     assert metrics["episode_return"][-5:].mean() > metrics["episode_return"][:3].mean() + 0.2
     assert (metrics["option_clip_fraction"] >= 0).all()

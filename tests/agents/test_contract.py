@@ -12,8 +12,8 @@ import hitmdp_jax
 from hitmdp_jax.agents import AGENTS
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
 from hitmdp_jax.errors import UsageError
-from tests.agents.compiled import Compiled
 from tests.probes import Target
+from tests.programs import compiled, shapes_of_an_iteration
 
 SIZES = {"num_envs": 8, "rollout_length": 16}
 
@@ -51,21 +51,34 @@ def test_act_takes_any_batch_shape(agent, key, batch_shape):
     assert jax.tree.map(jnp.shape, memory) == jax.tree.map(jnp.shape, new_memory)
 
 
-def test_deterministic_actions_repeat(agent, key):
-    agent = Compiled(agent)
-    params = agent.init(key, 5, 2).params
-    memory = agent.initial_memory(key, (2, 3))
-    actions = [
-        agent.act(params, jnp.ones((2, 3, 5)), memory, jax.random.key(i), deterministic=True)[0]
-        for i in range(2)
-    ]
+@functools.cache
+def acted(name):
+    """Return an agent's likeliest actions in 2 x 3 states by each of two keys, the options that it
+    draws there and their probabilities, by one program."""
+    agent = make_agent(name).replace(hidden_sizes=(8,))
+
+    @compiled
+    def run(key):
+        params, memory = agent.init(key, 5, 2).params, agent.initial_memory(key, (2, 3))
+        obs = jax.random.normal(key, (2, 3, 5))
+
+        def likeliest(key):
+            return agent.act(params, obs, memory, key, deterministic=True)[0]
+
+        _, _, record = agent.act(params, obs, memory, key)
+        actions = jax.vmap(likeliest)(jax.random.split(key))
+        return actions, agent.option_of(record), agent.option_probs(params, obs, memory)
+
+    return run(jax.random.key(0))
+
+
+def test_deterministic_actions_repeat(name):
+    actions, _, _ = acted(name)
     np.testing.assert_array_equal(*actions)
 
 
-def test_iteration_keeps_structure_shapes_and_types(agent, key):
-    init, step = hitmdp_jax.make_train(agent, Target(), num_steps=128, **SIZES)
-    before = jax.eval_shape(init, key)
-    after, metrics = jax.eval_shape(step, before)
+def test_iteration_keeps_structure_shapes_and_types(name):
+    before, after, metrics = shapes_of_an_iteration(name)
     assert jax.tree.structure(before) == jax.tree.structure(after)
     assert [(x.shape, x.dtype) for x in jax.tree.leaves(before)] == [
         (x.shape, x.dtype) for x in jax.tree.leaves(after)
@@ -73,36 +86,36 @@ def test_iteration_keeps_structure_shapes_and_types(agent, key):
     assert {"episode_return", "episode_length", "episodes"} <= metrics.keys()
 
 
-@pytest.fixture(scope="module")
-def learnt():
-    """Return the metrics of a run that learns, by agent: one program, and one run, for each.
+@functools.cache
+def learnt(name):
+    """Return the first parameters, the last ones and the metrics of a run that does not learn and
+    of one that does, by one program.
 
     Separate networks for K options see a part of the samples each and take twice the iterations.
     """
+    agent = make_agent(name).replace(hidden_sizes=(16,))
+    sizes, iterations = (SIZES, 40) if hasattr(agent, "num_epochs") else (SINGLE_STEP, 400)
+    if isinstance(agent, ClippedOptionAgent):
+        iterations = 80
+    num_steps = iterations * sizes["num_envs"] * sizes["rollout_length"]
 
-    @functools.cache
-    def learn(name):
-        agent = make_agent(name)
-        sizes, iterations = (SIZES, 80) if hasattr(agent, "num_epochs") else (SINGLE_STEP, 800)
-        if isinstance(agent, ClippedOptionAgent):
-            iterations = 160
-        train = jax.jit(
-            lambda k: hitmdp_jax.train(
-                agent.replace(learning_rate=1e-3),
-                Target(),
-                k,
-                num_steps=iterations * sizes["num_envs"] * sizes["rollout_length"],
-                reset_pool_size=128,
-                **sizes,
-            )
+    def run(rate):
+        init, step = hitmdp_jax.make_train(
+            agent.replace(learning_rate=rate),
+            Target(),
+            num_steps=num_steps,
+            reset_pool_size=128,
+            **sizes,
         )
-        return jax.device_get(train(jax.random.key(0))[1])
+        first = init(jax.random.key(0))
+        last, metrics = jax.lax.scan(lambda state, _: step(state), first, length=iterations)
+        return first.learner.params, last.learner.params, metrics
 
-    return learn
+    return compiled(jax.vmap(run))(np.array([0.0, 3e-3]))
 
 
-def test_metrics_are_finite(name, learnt):
-    for metric, value in learnt(name).items():
+def test_metrics_are_finite(name):
+    for metric, value in learnt(name)[2].items():
         assert np.isfinite(value).all(), metric
 
 
@@ -113,27 +126,17 @@ def test_float_hyperparameters_are_leaves_and_the_rest_is_static(agent):
     assert {"learning_rate", "gamma"} | clipped <= {f.name for f in floats}
 
 
-def test_two_learning_rates_train_in_one_program(agent, key):
-    rates = jnp.array([0.0, 3e-3])
-    init, _ = hitmdp_jax.make_train(agent, Target(), num_steps=128, **SIZES)
-    untrained = jax.jit(init)(key).learner.params
-    state, _ = jax.jit(
-        jax.vmap(
-            lambda rate: hitmdp_jax.train(
-                agent.replace(learning_rate=rate), Target(), key, num_steps=128, **SIZES
-            )
-        )
-    )(rates)
-    trained = state.learner.params
-    same = jax.tree.map(lambda x, y: np.allclose(x[0], y, atol=1e-6), trained, untrained)
-    moved = jax.tree.map(lambda x, y: not np.allclose(x[1], y, atol=1e-6), trained, untrained)
+def test_two_learning_rates_train_in_one_program(name):
+    untrained, trained, _ = learnt(name)
+    same = jax.tree.map(lambda x, y: np.allclose(x[0], y[0], atol=1e-6), trained, untrained)
+    moved = jax.tree.map(lambda x, y: not np.allclose(x[1], y[1], atol=1e-6), trained, untrained)
     assert all(jax.tree.leaves(same))
     assert any(jax.tree.leaves(moved))
 
 
-def test_learns_to_hit_the_target(name, learnt):
+def test_learns_to_hit_the_target(name):
     """The best return is 1; the first policy's is 1 - 1/3 - its variance, at most 0.3."""
-    returns = learnt(name)["episode_return"].reshape(80, -1).mean(1)
+    returns = learnt(name)[2]["episode_return"][1].reshape(40, -1).mean(1)
     assert returns[:3].mean() < 0.55
     assert returns[-5:].mean() > 0.75
 
@@ -169,20 +172,16 @@ def test_bad_sizes_are_explained(agent):
                 agent.replace(**{field.name: 0})
 
 
-def test_executed_options_and_their_probabilities_agree(agent, key):
+def test_executed_options_and_their_probabilities_agree(agent, name):
     """An option that was executed is an index, and its probability is not zero."""
-    agent = Compiled(agent)
-    params = agent.init(key, 5, 2).params
-    memory, obs = agent.initial_memory(key, (2, 3)), jax.random.normal(key, (2, 3, 5))
-    _, _, record = agent.act(params, obs, memory, key)
-    option, probs = agent.option_of(record), agent.option_probs(params, obs, memory)
+    _, option, probs = acted(name)
     if option is None:
         assert probs is None
         return
     assert option.shape == (2, 3)
     assert probs.shape == (2, 3, agent.num_options)
     np.testing.assert_allclose(probs.sum(-1), 1.0, rtol=1e-5)
-    assert (jnp.take_along_axis(probs, option[..., None], axis=-1) > 0).all()
+    assert (np.take_along_axis(probs, option[..., None], axis=-1) > 0).all()
 
 
 def test_rollouts_that_do_not_divide_are_refused(agent):

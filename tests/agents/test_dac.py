@@ -4,10 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.special import expit
 
 from hitmdp_jax.agents import DAC
 from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
+    SMALL,
     A,
     B,
     K,
@@ -15,22 +17,24 @@ from tests.agents.option_batches import (
     assert_ascends,
     flatten,
     log_density,
+    normal,
     option_probabilities,
     random_batch,
 )
+from tests.programs import compiled
 
 
 @pytest.fixture
 def agent():
-    return Compiled(DAC())
+    return Compiled(DAC(**SMALL))
 
 
 @pytest.fixture
-def data(agent, params, key):
+def data(agent, params):
     """A rollout as the losses read it, with made-up advantages and exact values."""
-    batch = random_batch(key)
+    batch = random_batch()
     data, _ = agent.targets(params, batch)
-    values, advantage = agent.values(params, batch), jax.random.normal(key, (2, T, B))
+    values, advantage = agent.values(params, batch), normal(np.random.default_rng(1), 2, T, B)
     return flatten(
         data
         | {"advantage_option": advantage[0], "value_target": values.value}
@@ -51,10 +55,10 @@ def log_pi_bar(agent, params, sample):
 
 
 def test_both_augmented_policies_equal_their_definitions(agent, params, data):
-    high = jax.jit(jax.vmap(lambda sample: pi_hat(agent, params, sample)))(data)
-    low = jax.jit(jax.vmap(lambda sample: log_pi_bar(agent, params, sample)))(data)
+    both = jax.vmap(lambda x: (pi_hat(agent, params, x), log_pi_bar(agent, params, x)))
+    high, low = compiled(both)(data)
     np.testing.assert_allclose(high.sum(-1), 1.0, rtol=1e-5)
-    np.testing.assert_allclose(jnp.exp(data["log_option"]), high, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(np.exp(data["log_option"]), high, rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(data["log_prob_action"], low, rtol=1e-4, atol=1e-4)
 
 
@@ -74,8 +78,12 @@ def test_gradients_at_the_old_policies_are_policy_gradients(agent, params, data)
 
 
 def test_each_pass_leaves_the_other_mdps_policy_alone(agent, params, data):
-    high = jax.jit(jax.grad(lambda p: agent.high_loss(p, data)[0]))(params)
-    low = jax.jit(jax.grad(lambda p: agent.low_loss(p, data)[0]))(params)
+    @compiled
+    def gradients(params):
+        losses = agent.high_loss, agent.low_loss
+        return [jax.grad(lambda p, loss=loss: loss(p, data)[0])(params) for loss in losses]
+
+    high, low = gradients(params)
     for gradient, idle in ((high, ("policies", "rho")), (low, ("terminations", "master"))):
         for name in idle:
             assert all((x == 0).all() for x in jax.tree.leaves(gradient[name])), name
@@ -88,7 +96,8 @@ def test_value_losses_are_by_hand(agent, params, data):
 
 
 def test_first_policies_are_as_specified(agent, key):
-    heads = agent.heads(agent.init(key, 4, A).params, jax.random.normal(key, (50, 4)))
-    np.testing.assert_allclose(jax.nn.sigmoid(heads.termination), 0.5, atol=0.01)
-    np.testing.assert_allclose(jnp.exp(heads.log_master), 1 / K, atol=0.01)
+    obs = normal(np.random.default_rng(1), 50, 4)
+    heads = agent.heads(agent.init(key, 4, A).params, obs)
+    np.testing.assert_allclose(expit(heads.termination), 0.5, atol=0.01)
+    np.testing.assert_allclose(np.exp(heads.log_master), 1 / K, atol=0.01)
     np.testing.assert_allclose(heads.std, np.log(2.0), rtol=1e-6)

@@ -4,60 +4,63 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.special import expit
 
 from hitmdp_jax.agents import OC
 from hitmdp_jax.learning.options import OptionMemory
 from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
+    SMALL,
     A,
     B,
     K,
     O,
     T,
     log_density,
+    normal,
     random_batch,
 )
 
 
 @pytest.fixture
 def agent():
-    return Compiled(OC())
+    return Compiled(OC(**SMALL))
 
 
 @pytest.fixture
-def data(agent, params, key):
-    data, _ = agent.targets(params, random_batch(key))
-    return data | {"q_target": jax.random.normal(key, (T, B))}
+def data(agent, params):
+    data, _ = agent.targets(params, random_batch())
+    return data | {"q_target": normal(np.random.default_rng(1), T, B)}
 
 
-def test_the_master_is_epsilon_greedy(agent, params, key):
-    heads = agent.heads(params, jax.random.normal(key, (O,)))
+def test_the_master_is_epsilon_greedy(agent, params):
+    heads = agent.heads(params, normal(np.random.default_rng(1), O))
     expected = np.full(K, 0.1 / K)
     expected[int(heads.value.argmax())] += 0.9
-    np.testing.assert_allclose(jnp.exp(heads.log_master), expected, rtol=1e-5)
+    np.testing.assert_allclose(np.exp(heads.log_master), expected, rtol=1e-5)
 
 
-def test_a_greedy_master_has_finite_metrics(params, key):
-    metrics = Compiled(OC(epsilon=0.0)).targets(params, random_batch(key))[1]
+def test_a_greedy_master_has_finite_metrics(params):
+    metrics = Compiled(OC(epsilon=0.0, **SMALL)).targets(params, random_batch())[1]
     assert all(np.isfinite(x).all() for x in metrics.values())
 
 
 def test_an_option_that_never_terminates_goes_on(agent, params, key):
-    output = jax.tree.map(jnp.zeros_like, params["terminations"]["output"])
+    output = jax.tree.map(np.zeros_like, params["terminations"]["output"])
     output["bias"] -= 50.0
     params = params | {"terminations": params["terminations"] | {"output": output}}
-    memory = OptionMemory(jnp.arange(400) % K, jnp.zeros(400, bool))
-    _, _, option = agent.act(params, jnp.ones((400, O)), memory, key)
+    memory = OptionMemory(np.arange(400) % K, np.zeros(400, bool))
+    _, _, option = agent.act(params, np.ones((400, O)), memory, key)
     np.testing.assert_array_equal(option, memory.previous)
 
 
-def test_value_upon_arrival_is_by_hand(agent, params, key):
-    obs = jax.random.normal(key, (O,))
+def test_value_upon_arrival_is_by_hand(agent, params):
+    obs = normal(np.random.default_rng(1), O)
     heads = agent.heads(params, obs)
     for option in range(K):
-        beta = jax.nn.sigmoid(heads.termination[option])
+        beta = expit(heads.termination[option])
         expected = (1 - beta) * heads.value[option] + beta * heads.value.max()
-        result = agent.value_upon_arrival(params, obs, jnp.array(option))
+        result = agent.value_upon_arrival(params, obs, option)
         np.testing.assert_allclose(result, expected, rtol=1e-5)
 
 
@@ -83,17 +86,20 @@ def test_gradient_is_the_option_critics(agent, params, data):
             + beta * sg(going_on)
         )
 
-    result = jax.jit(jax.grad(lambda p: agent.loss(p, data)[0]))(params)
-    each = jax.vmap(jax.vmap(plain, in_axes=(None, 0)), in_axes=(None, 0))
-    expected = jax.jit(jax.grad(lambda p: each(p, data).mean()))(params)
+    @jax.jit
+    def gradients(params):
+        each = jax.vmap(jax.vmap(plain, in_axes=(None, 0)), in_axes=(None, 0))
+        result = jax.grad(lambda p: agent.loss(p, data)[0])(params)
+        return result, jax.grad(lambda p: each(p, data).mean())(params)
+
     jax.tree.map(
-        lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-4), result, expected
+        lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-4), *gradients(params)
     )
 
 
 def test_the_target_network_is_copied_when_due(key):
-    agent = Compiled(OC(target_period=3 * T))
-    state, batch = agent.init(key, O, A), random_batch(key)
+    agent = Compiled(OC(target_period=3 * T, **SMALL))
+    state, batch = agent.init(key, O, A), random_batch()
     first = state.params
     for expected_age in (T, 2 * T, 0):
         state, _ = agent.update(state, batch, key)
@@ -104,7 +110,7 @@ def test_the_target_network_is_copied_when_due(key):
 
 def test_returns_bootstrap_from_the_target_network(agent, params, key):
     """With gamma 0 the target network cannot matter, else it does."""
-    batch = random_batch(key)
+    batch = random_batch()
     state = agent.init(key, O, A)
     other = state.replace(extra=state.extra.replace(params=params))
     for gamma, same in ((0.0, True), (0.99, False)):

@@ -1,7 +1,6 @@
 """How the option baselines draw options, and the values they evaluate a rollout with."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -9,11 +8,13 @@ from hitmdp_jax.agents import AHP, DAC, PPOC
 from hitmdp_jax.learning.options import OptionMemory
 from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
+    SMALL,
     A,
     B,
     K,
     O,
     T,
+    normal,
     option_probabilities,
     random_batch,
     random_params,
@@ -24,30 +25,25 @@ N = 4000
 
 def with_termination(params, logit):
     """Make beta the same everywhere."""
-    output = jax.tree.map(jnp.zeros_like, params["terminations"]["output"])
-    output["bias"] = jnp.full_like(output["bias"], logit)
+    output = jax.tree.map(np.zeros_like, params["terminations"]["output"])
+    output["bias"] += logit
     return params | {"terminations": params["terminations"] | {"output": output}}
-
-
-@pytest.fixture
-def params(key):
-    return random_params(Compiled(DAC()), key)
 
 
 @pytest.fixture(params=[DAC, AHP, PPOC])
 def agent(request):
-    return Compiled(request.param())
+    return Compiled(request.param(**SMALL))
 
 
 def draw(agent, initial, logit, key):
     """Draw N options in one state, with beta the same everywhere."""
-    params = with_termination(random_params(agent, key), logit)
-    memory = OptionMemory(jnp.arange(N) % K, jnp.full(N, initial))
-    obs = jnp.broadcast_to(jax.random.normal(key, (O,)), (N, O))
+    params = with_termination(random_params(agent), logit)
+    memory = OptionMemory(np.arange(N) % K, np.full(N, initial))
+    obs = np.broadcast_to(normal(np.random.default_rng(1), O), (N, O))
     _, new_memory, _ = agent.act(params, obs, memory, key)
     assert not new_memory.initial.any()
-    master = jnp.exp(agent.heads(params, obs[0]).log_master)
-    return np.asarray(new_memory.previous), np.asarray(memory.previous), np.asarray(master)
+    master = np.exp(agent.heads(params, obs[0]).log_master)
+    return new_memory.previous, memory.previous, master
 
 
 def test_an_option_that_never_terminates_goes_on(agent, key):
@@ -65,8 +61,9 @@ def test_the_master_chooses_an_episodes_first_option(agent, key):
     np.testing.assert_allclose(np.bincount(option, minlength=K) / N, master, atol=0.03)
 
 
-def test_values_of_both_augmented_mdps_equal_their_definitions(params, key):
-    agent, batch = Compiled(DAC()), random_batch(key)
+def test_values_of_both_augmented_mdps_equal_their_definitions():
+    agent, batch = Compiled(DAC(**SMALL)), random_batch()
+    params = random_params(agent)
     data, values = agent.targets(params, batch)[0], agent.values(params, batch)
     for t in range(T):
         for b in range(B):
@@ -86,11 +83,11 @@ def test_values_of_both_augmented_mdps_equal_their_definitions(params, key):
             }
             for name, value in expected.items():
                 np.testing.assert_allclose(getattr(values, name)[t, b], value, rtol=1e-4, atol=1e-5)
-            np.testing.assert_allclose(jnp.exp(data["log_option"][t, b]), here, rtol=1e-4)
+            np.testing.assert_allclose(np.exp(data["log_option"][t, b]), here, rtol=1e-4)
 
 
 def test_hidden_sizes_and_activation_shape_every_body(key):
     agent = Compiled(DAC(hidden_sizes=(8,), activation="relu", num_options=3))
-    params = agent.init(key, O, A).params
+    params = jax.eval_shape(lambda key: agent.init(key, O, A), key).params
     assert params["policies"]["body"]["input_0"]["kernel"].shape == (3, O, 8)
     assert params["critic"]["output"]["kernel"].shape == (8, 3)

@@ -3,21 +3,27 @@ import jax.numpy as jnp
 import numpy as np
 
 from hitmdp_jax.agents import PPO
+from tests.agents.option_batches import normal
 
 
 def test_loss_at_the_old_policy_is_by_hand(key):
-    agent = PPO()
-    params = agent.init(key, 3, 2).params
-    obs, action = jax.random.normal(key, (4, 3)), jax.random.normal(key, (4, 2))
-    policy, value = agent.heads(params, obs)
-    data = {
-        "obs": obs,
-        "action": action,
-        "log_prob": policy.log_prob(action),
-        "advantage": jnp.array([1.0, 2.0, -1.0, 4.0]),
-        "value_target": value + 2.0,
-    }
-    loss, metrics = agent.loss(params, data)
+    agent, random = PPO(), np.random.default_rng(0)
+    obs, action = normal(random, 4, 3), normal(random, 4, 2)
+
+    @jax.jit
+    def evaluate(key):
+        params = agent.init(key, 3, 2).params
+        policy, value = agent.heads(params, obs)
+        data = {
+            "obs": obs,
+            "action": action,
+            "log_prob": policy.log_prob(action),
+            "advantage": jnp.array([1.0, 2.0, -1.0, 4.0]),
+            "value_target": value + 2.0,
+        }
+        return agent.loss(params, data)
+
+    loss, metrics = evaluate(key)
     # ratio 1: the surrogate is the mean advantage 1.5; half the squared error is 2.
     np.testing.assert_allclose(loss, 2.0 - 1.5, rtol=1e-5)
     np.testing.assert_allclose(metrics["action_clip_fraction"], 0.0)

@@ -8,11 +8,13 @@ import pytest
 from hitmdp_jax.agents import PPOC
 from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
+    SMALL,
     B,
     T,
     assert_ascends,
     flatten,
     log_density,
+    normal,
     option_probabilities,
     random_batch,
 )
@@ -20,15 +22,15 @@ from tests.agents.option_batches import (
 
 @pytest.fixture
 def agent():
-    return Compiled(PPOC())
+    return Compiled(PPOC(**SMALL))
 
 
 @pytest.fixture
-def data(agent, params, key):
+def data(agent, params):
     """A rollout as the loss reads it, with made-up advantages and exact values."""
-    batch = random_batch(key)
+    batch = random_batch()
     data, _ = agent.targets(params, batch)
-    advantage = jax.random.normal(key, (2, T, B))
+    advantage = normal(np.random.default_rng(1), 2, T, B)
     data |= {"advantage_option": advantage[0], "advantage_action": advantage[1]}
     return flatten(data | {"q_target": agent.values(params, batch).q})
 
@@ -55,7 +57,7 @@ def test_gradient_at_the_old_policy_is_the_option_critics(agent, params, data):
 
 
 def test_value_loss_is_by_hand(agent, params, data):
-    data["q_target"] += 2.0
+    data["q_target"] = data["q_target"] + 2.0
     _, diagnostics = agent.loss(params, data)
     np.testing.assert_allclose(diagnostics["value_loss"], 2.0, rtol=1e-4)
     np.testing.assert_allclose(diagnostics["option_kl"], 0.0, atol=1e-6)

@@ -1,3 +1,4 @@
+import functools
 import subprocess
 import sys
 import warnings
@@ -18,8 +19,9 @@ from tests.probes import Counter
 from tests.training.test_config import SETTINGS
 
 
+@functools.partial(jax.jit, static_argnums=(0, 1))
 def untrained(observation_size, action_size, key):
-    agent = MOPG()
+    agent = MOPG(hidden_sizes=(8,))
     params = agent.init(key, observation_size, action_size).params
     return Policy(agent, params, running_statistics.init_state(jnp.zeros(observation_size)))
 

@@ -1,3 +1,5 @@
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,10 +12,13 @@ from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.policy import Policy
 from tests.probes import Counter, Target
+from tests.programs import compiled
 
 PENDULUM = {"name": "invertedpendulum"}
+SMALL = {"hidden_sizes": (8,)}
 
 
+@functools.partial(jax.jit, static_argnums=(1, 2))
 def untrained(agent, observation_size, action_size, key):
     params = agent.init(key, observation_size, action_size).params
     return Policy(agent, params, running_statistics.init_state(jnp.zeros(observation_size)))
@@ -30,16 +35,16 @@ class Staircase(Counter):
 
 @pytest.fixture(scope="module")
 def policy():
-    return untrained(MOPG(), 4, 1, jax.random.key(0))
+    return untrained(MOPG(**SMALL), 4, 1, jax.random.key(0))
 
 
 @pytest.fixture(scope="module", params=["native", "mjx", "gymnasium"])
 def recorded(request, policy):
     key = jax.random.key(1)
     if request.param == "gymnasium":
-        return record_in_gymnasium(policy, PENDULUM, key, 3, physics=True)
+        return jax.device_get(record_in_gymnasium(policy, PENDULUM, key, 3, physics=True))
     env = make_env(**PENDULUM, physics=request.param)
-    return record(policy, env, key, 3, physics=True)
+    return jax.device_get(record(policy, env, key, 3, physics=True))
 
 
 def test_every_engine_records_the_same_structure(recorded):
@@ -59,14 +64,19 @@ def test_every_engine_records_the_same_structure(recorded):
 
 
 def test_observation_option_and_physics_are_of_one_moment(recorded, policy):
-    alive = np.asarray(recorded.alive)
+    alive = recorded.alive
     # The pendulum shows its generalised coordinates; the control is the clipped action before.
     state = np.concatenate([recorded.qpos, recorded.qvel], axis=-1)
     np.testing.assert_allclose(state[alive], recorded.obs[alive], atol=1e-6)
     before = np.clip(recorded.action[:-1], -3, 3) * alive[1:, :, None]
     np.testing.assert_allclose(recorded.ctrl[1:] * alive[1:, :, None], before, atol=1e-6)
-    seen = running_statistics.normalize(recorded.obs, policy.normalizer, max_abs_value=10.0)
-    probs = policy.agent.option_probs(policy.params, seen[1:], recorded.option[:-1])
+
+    @compiled
+    def option_probs(policy):
+        seen = running_statistics.normalize(recorded.obs, policy.normalizer, max_abs_value=10.0)
+        return policy.agent.option_probs(policy.params, seen[1:], recorded.option[:-1])
+
+    probs = option_probs(policy)
     np.testing.assert_allclose(
         recorded.option_probs[1:][alive[1:]], probs[alive[1:]], rtol=1e-4, atol=1e-6
     )
@@ -81,7 +91,7 @@ def test_an_untrained_pendulum_falls_in_every_engine(recorded):
 
 
 def test_each_environment_records_its_first_whole_episode_alone(key):
-    recorded = record(untrained(PPO(), 2, 1, key), Staircase(), key, 64)
+    recorded = jax.device_get(record(untrained(PPO(**SMALL), 2, 1, key), Staircase(), key, 64))
     lengths = 1 + np.floor(3 * np.asarray(recorded.obs[0, :, 1])).astype(int)
     assert set(lengths) == {1, 2, 3}
     np.testing.assert_array_equal(recorded.lengths, lengths)
@@ -91,37 +101,44 @@ def test_each_environment_records_its_first_whole_episode_alone(key):
 
 
 def test_the_time_limit_truncates(key):
-    recorded = record(untrained(PPO(), 2, 1, key), Counter(), key, 2)
+    recorded = jax.device_get(record(untrained(PPO(**SMALL), 2, 1, key), Counter(), key, 2))
     np.testing.assert_array_equal(recorded.lengths, [5, 5])
     assert recorded.truncated.all()
     np.testing.assert_array_equal(recorded.obs[:, 0, 0], np.arange(5))
 
 
 def test_a_policy_without_options_records_none(key):
-    recorded = record(untrained(PPO(), 1, 1, key), Target(), key, 2)
+    recorded = jax.device_get(record(untrained(PPO(**SMALL), 1, 1, key), Target(), key, 2))
     assert recorded.option is None
     assert recorded.option_probs is None
 
 
 def test_an_option_is_told_from_what_else_an_agent_notes(key):
-    recorded = record(untrained(AHP(num_options=3), 2, 1, key), Counter(), key, 2)
+    recorded = jax.device_get(
+        record(untrained(AHP(num_options=3, **SMALL), 2, 1, key), Counter(), key, 2)
+    )
     assert recorded.option.shape == (5, 2)
     np.testing.assert_allclose(recorded.option_probs.sum(-1), np.ones((5, 2)), rtol=1e-5)
 
 
 def test_deterministic_episodes_take_the_likeliest_option(key):
-    policy = untrained(MOPG(), 2, 1, key)
-    recorded = record(policy, Counter(), key, 4, deterministic=True)
+    policy = untrained(MOPG(**SMALL), 2, 1, key)
+    recorded = jax.device_get(record(policy, Counter(), key, 4, deterministic=True))
     np.testing.assert_array_equal(recorded.option, recorded.option_probs.argmax(-1))
 
 
 def test_policies_of_many_seeds_are_recorded_at_once(key):
     env, keys = Staircase(), jax.random.split(key, 2)
-    policies = jax.vmap(lambda key: untrained(MOPG(), 2, 1, key))(keys)
-    together = jax.vmap(lambda policy, key: record(policy, env, key, 3))(policies, keys)
+
+    @jax.jit
+    def record_each(keys):
+        policies = jax.vmap(lambda key: untrained(MOPG(**SMALL), 2, 1, key))(keys)
+        return policies, jax.vmap(lambda policy, key: record(policy, env, key, 3))(policies, keys)
+
+    policies, together = jax.device_get(record_each(keys))
     assert together.option_probs.shape == (2, 5, 3, 4)
     for i in range(2):
-        alone = record(jax.tree.map(lambda x, i=i: x[i], policies), env, keys[i], 3)
+        alone = jax.device_get(record(jax.tree.map(lambda x, i=i: x[i], policies), env, keys[i], 3))
         np.testing.assert_array_equal(together.lengths[i], alone.lengths)
         np.testing.assert_array_equal(together.option[i], alone.option)
         np.testing.assert_allclose(together.returns[i], alone.returns)
@@ -129,7 +146,7 @@ def test_policies_of_many_seeds_are_recorded_at_once(key):
 
 def test_a_task_without_physics_says_so(key):
     with pytest.raises(UsageError, match="no MuJoCo state"):
-        record(untrained(PPO(), 2, 1, key), Counter(), key, 1, physics=True)
+        record(untrained(PPO(**SMALL), 2, 1, key), Counter(), key, 1, physics=True)
 
 
 @pytest.mark.parametrize("name", ["toy/turkey", "dmc/cheetah_run", "brax/ant"])

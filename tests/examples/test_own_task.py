@@ -43,7 +43,7 @@ def test_a_keyword_reaches_the_task_and_is_checked_by_its_default():
 @pytest.mark.parametrize("physics", ["mjx", "native"])
 def test_it_trains(physics):
     sizes = {"num_steps": 64, "num_envs": 2, "rollout_length": 16}  # two iterations
-    agent = MOPG(num_epochs=1, minibatch_size=32)
+    agent = MOPG(hidden_sizes=(8,), num_epochs=1, minibatch_size=32)
     train = jax.jit(lambda key: hitmdp_jax.train(agent, make(physics=physics), key, **sizes))
     state, metrics = train(jax.random.key(0))
     assert int(state.iteration) == 2

@@ -1,13 +1,20 @@
 from collections import deque
 from types import SimpleNamespace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hitmdp_jax.learning.episodes import RECENT_EPISODES, EpisodeWindow
+from tests.programs import compiled
+
+
+@compiled
+def add(window, finished, returns):
+    outcome = SimpleNamespace(finished=finished, episode_return=returns, episode_length=returns + 5)
+    window = window.add(outcome)
+    return window, window.metrics()
 
 
 @settings(deadline=None, max_examples=30)
@@ -19,12 +26,8 @@ def test_recent_returns_are_means_over_the_last_episodes(counts, seed):
     for count in counts:
         finished = random.permutation(np.arange(130) < count).reshape(10, 13)
         returns = random.normal(size=(10, 13)).astype(np.float32)
-        outcome = SimpleNamespace(
-            finished=jnp.asarray(finished), episode_return=returns, episode_length=returns + 5
-        )
-        window = window.add(outcome)
+        window, metrics = add(window, finished, returns)
         last.extend(returns[finished])
-    metrics = window.metrics()
     assert int(window.count) == sum(counts)
     if last:
         assert float(metrics["recent_return"]) == pytest.approx(np.mean(last), abs=1e-5)

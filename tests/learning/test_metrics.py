@@ -1,11 +1,8 @@
 """The vocabulary of metrics, and what becomes of them over iterations and seeds."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import hitmdp_jax
 from hitmdp_jax.agents import AGENTS
 from hitmdp_jax.learning.metrics import (
     REWARD_TERM,
@@ -14,15 +11,14 @@ from hitmdp_jax.learning.metrics import (
     over_iterations,
     over_seeds,
 )
-from tests.probes import PlaygroundTarget
+from tests.programs import compiled, shapes_of_an_iteration
+
+reduce_iterations = compiled(over_iterations)
 
 
 @pytest.mark.parametrize("name", sorted(AGENTS))
-def test_everything_an_agent_reports_has_a_meaning(name, key):
-    init, step = hitmdp_jax.make_train(
-        AGENTS[name](), PlaygroundTarget(), num_steps=128, num_envs=8, rollout_length=8
-    )
-    metrics = jax.eval_shape(step, jax.eval_shape(init, key))[1]
+def test_everything_an_agent_reports_has_a_meaning(name):
+    _, _, metrics = shapes_of_an_iteration(name)
     unknown = {metric for metric in metrics if describe(metric) is REWARD_TERM}
     assert unknown == {"reward/near"}
 
@@ -40,18 +36,18 @@ def test_patterns_and_names():
 @pytest.fixture
 def stacked():
     return {
-        "episodes": jnp.array([2.0, 0.0, 1.0]),
-        "episode_return": jnp.array([10.0, jnp.nan, 40.0]),
-        "option_steps": jnp.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]),
-        "unstable": jnp.array([0.0, 0.3, 0.0]),
-        "recent_return": jnp.array([1.0, 2.0, 3.0]),
-        "option_kl": jnp.array([0.1, 0.2, 0.6]),
-        "reward_forward": jnp.array([1.0, 2.0, 6.0]),
+        "episodes": np.array([2.0, 0.0, 1.0]),
+        "episode_return": np.array([10.0, np.nan, 40.0]),
+        "option_steps": np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]),
+        "unstable": np.array([0.0, 0.3, 0.0]),
+        "recent_return": np.array([1.0, 2.0, 3.0]),
+        "option_kl": np.array([0.1, 0.2, 0.6]),
+        "reward_forward": np.array([1.0, 2.0, 6.0]),
     }
 
 
 def test_iterations_are_reduced_by_kind(stacked):
-    reduced = jax.jit(over_iterations)(stacked)
+    reduced = reduce_iterations(stacked)
     expected = {
         "episodes": 3.0,
         "episode_return": 20.0,  # (2 * 10 + 1 * 40) / 3
@@ -67,17 +63,18 @@ def test_iterations_are_reduced_by_kind(stacked):
 
 
 def test_no_episodes_have_no_return(stacked):
-    assert np.isnan(over_iterations(stacked | {"episodes": jnp.zeros(3)})["episode_return"])
+    none = stacked | {"episodes": np.zeros(3)}
+    assert np.isnan(reduce_iterations(none)["episode_return"])
 
 
 def test_seeds_are_averaged_and_counts_added():
-    reduced = over_seeds(
+    reduced = compiled(over_seeds)(
         {
-            "episodes": jnp.array([2.0, 0.0]),
-            "episode_return": jnp.array([10.0, jnp.nan]),
-            "steps_per_second": jnp.array([50.0, 50.0]),
-            "option_steps": jnp.array([[1.0, 2.0], [3.0, 4.0]]),
-            "diverged": jnp.array([1.0, 0.0]),
+            "episodes": np.array([2.0, 0.0]),
+            "episode_return": np.array([10.0, np.nan]),
+            "steps_per_second": np.array([50.0, 50.0]),
+            "option_steps": np.array([[1.0, 2.0], [3.0, 4.0]]),
+            "diverged": np.array([1.0, 0.0]),
         }
     )
     expected = {

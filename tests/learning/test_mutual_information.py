@@ -7,6 +7,9 @@ import pytest
 from scipy.special import log_softmax
 
 from hitmdp_jax.learning import mutual_information as mi
+from tests.programs import compiled
+
+action_information = compiled(mi.action_information)
 
 K = 3
 
@@ -23,7 +26,7 @@ def case():
 
 def test_action_information_equals_enumeration(case):
     master, density, previous, option = case
-    result = mi.action_information(np.log(master[np.arange(7), previous]), np.log(density), option)
+    result = action_information(np.log(master[np.arange(7), previous]), np.log(density), option)
     for n in range(7):
         marginal = sum(master[n, previous[n], o] * density[n, o] for o in range(K))
         expected = np.log(density[n, option[n]] / marginal)
@@ -32,7 +35,9 @@ def test_action_information_equals_enumeration(case):
 
 def test_usage_information_equals_enumeration(case):
     master, density, previous, option = case
-    result = mi.usage_information(np.log(master[np.arange(7), previous]), np.log(density), option)
+    result = compiled(mi.usage_information)(
+        np.log(master[np.arange(7), previous]), np.log(density), option
+    )
     for n in range(7):
         joint = [master[n, previous[n], o] * density[n, o] for o in range(K)]
         usage = np.mean(option == option[n])
@@ -44,7 +49,7 @@ def test_previous_information_equals_enumeration(case):
     master, density, previous, option = case
     usage = np.bincount(previous, minlength=K) / 7
     marginal = np.einsum("p,npo->no", usage, master)
-    result = mi.previous_information(
+    result = compiled(mi.previous_information)(
         np.log(master[np.arange(7), previous]), np.log(density), option, np.log(marginal)
     )
     for n in range(7):
@@ -63,7 +68,7 @@ def test_mean_action_information_is_not_negative():
     policy = np.exp(log_softmax(rng.normal(size=(K, 5)), axis=-1))  # P(a | o) over 5 actions
     total = 0.0
     for o, a in itertools.product(range(K), range(5)):
-        information = mi.action_information(
+        information = action_information(
             np.log(master)[None], np.log(policy[:, a])[None], np.array([o])
         )
         total += master[o] * policy[o, a] * float(information[0])
@@ -74,4 +79,4 @@ def test_information_vanishes_when_options_act_alike():
     log_master = np.log(np.full((4, K), 1 / K))
     log_action = np.full((4, K), -1.3)
     option = np.array([0, 1, 2, 0])
-    np.testing.assert_allclose(mi.action_information(log_master, log_action, option), 0, atol=1e-6)
+    np.testing.assert_allclose(action_information(log_master, log_action, option), 0, atol=1e-6)

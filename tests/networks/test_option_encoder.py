@@ -1,3 +1,5 @@
+import functools
+
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
@@ -11,27 +13,37 @@ from hitmdp_jax.networks.option_encoder import MASTER_POLICIES, OptionEncoder
 B, O, K, E = 6, 5, 4, 8  # noqa: E741
 
 
-@pytest.fixture
-def case(key):
-    keys = jax.random.split(key, 3)
-    obs = jax.random.normal(keys[0], (B, O))
-    previous = jax.random.randint(keys[1], (B,), 0, K)
-    return obs, previous, jax.random.normal(keys[2], (K, E))
+@pytest.fixture(scope="module")
+def case():
+    random = np.random.default_rng(0)
+    obs, embeddings = random.normal(size=(B, O)), random.normal(size=(K, E))
+    return jax.device_put((obs, random.integers(K, size=B), embeddings))
 
 
+def encoder(form):
+    return OptionEncoder(form, sizes=(16, 16))
+
+
+@functools.partial(jax.jit, static_argnums=0)
 def initialized(form, key, case):
-    encoder = OptionEncoder(form, sizes=(16, 16))
-    params = encoder.init(key, *case, 0.75)
+    params = encoder(form).init(key, *case, 0.75)
     # Biases start at zero, where an error in them would not show.
-    return encoder, jax.tree.map(lambda x: x + 0.1 * jax.random.normal(key, x.shape), params)
+    return jax.tree.map(lambda x: x + 0.1 * jax.random.normal(key, x.shape), params)
 
 
+@functools.partial(jax.jit, static_argnums=0)
+def encode(form, variables, case, similarity):
+    return encoder(form).apply(variables, *case, similarity)
+
+
+@functools.partial(jax.jit, static_argnums=1)
 def query_of(params, form, obs, previous, embeddings):
     body = MLP((16, 16)).apply({"params": params["query_body"]}, obs, embeddings[previous])
     query = body @ params["query"]["kernel"] + params["query"]["bias"]
     return query + (embeddings[previous] if form == "similarity" else 0.0)
 
 
+@jax.jit
 def logits_of(params, query, attended):
     x = nn.LayerNorm().apply({"params": params["norm"]}, query + attended)
     x = MLP((16, 16)).apply({"params": params["logits_body"]}, x)
@@ -51,12 +63,9 @@ def attention_by_hand(params, query, embeddings):
     )
 
 
-@pytest.mark.parametrize("form", MASTER_POLICIES)
-def test_encoder_equals_flax_attention_on_each_sample(form, key, case):
+@functools.partial(jax.jit, static_argnums=1)
+def logits_by_flax(params, form, obs, previous, embeddings):
     """Flax's module called as documented, one sample with its own copy of keys and values."""
-    encoder, variables = initialized(form, key, case)
-    obs, previous, embeddings = case
-    params = variables["params"]
     query = query_of(params, form, obs, previous, embeddings)
     copies = jnp.broadcast_to(embeddings, (B, K, E))
     flax_attention = nn.MultiHeadDotProductAttention(num_heads=1)
@@ -64,17 +73,24 @@ def test_encoder_equals_flax_attention_on_each_sample(form, key, case):
     expected = logits_of(params, query, attended)
     if form == "similarity":
         expected += 0.75 * query @ embeddings.T / jnp.sqrt(E)
-    logits = encoder.apply(variables, *case, 0.75)
+    return expected
+
+
+@pytest.mark.parametrize("form", MASTER_POLICIES)
+def test_encoder_equals_flax_attention_on_each_sample(form, key, case):
+    variables = initialized(form, key, case)
+    expected = logits_by_flax(variables["params"], form, *case)
+    logits = encode(form, variables, case, 0.75)
     np.testing.assert_allclose(logits, expected, rtol=1e-4, atol=1e-5)
 
 
 def test_attention_equals_the_printed_equations(key, case):
-    encoder, variables = initialized("printed", key, case)
+    variables = initialized("printed", key, case)
     params = variables["params"]
     query = query_of(params, "printed", *case)
     attended = attention_by_hand(params["attention"], np.asarray(query), np.asarray(case[2]))
     np.testing.assert_allclose(
-        encoder.apply(variables, *case, 0.0),
+        encode("printed", variables, case, 0.0),
         logits_of(params, query, attended),
         rtol=1e-4,
         atol=1e-5,
@@ -82,19 +98,21 @@ def test_attention_equals_the_printed_equations(key, case):
 
 
 def test_similarity_makes_an_option_its_own_nearest_neighbour(key):
-    embeddings = jax.random.normal(key, (4, 40))
-    obs, previous = jax.random.normal(key, (64, O)), jnp.arange(64) % 4
-    stay = {}
-    for form in MASTER_POLICIES:
-        encoder = OptionEncoder(form)
-        params = encoder.init(key, obs, previous, embeddings, 0.75)
-        probabilities = jax.nn.softmax(encoder.apply(params, obs, previous, embeddings, 0.75))
-        stay[form] = probabilities[jnp.arange(64), previous].mean()
-    assert stay["similarity"] > 0.9
-    np.testing.assert_allclose(stay["printed"], 0.25, atol=0.05)
+    random = np.random.default_rng(0)
+    embeddings, obs = random.normal(size=(4, 40)), random.normal(size=(64, O))
+    previous = np.arange(64) % 4
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def stay(form, key):
+        arguments = obs, previous, jnp.asarray(embeddings), 0.75
+        logits, _ = OptionEncoder(form).init_with_output(key, *arguments)
+        return jax.nn.softmax(logits)[jnp.arange(64), previous].mean()
+
+    assert stay("similarity", key) > 0.9
+    np.testing.assert_allclose(stay("printed", key), 0.25, atol=0.05)
 
 
 def test_similarity_weight_is_traced(key, case):
-    encoder, variables = initialized("similarity", key, case)
-    logits = jax.vmap(lambda c: encoder.apply(variables, *case, c))(jnp.array([0.0, 1.0]))
-    assert not np.allclose(logits[0], logits[1])
+    variables = initialized("similarity", key, case)
+    logits = [encode("similarity", variables, case, c) for c in (0.0, 1.0)]
+    assert not np.allclose(*logits)

@@ -5,7 +5,6 @@ Both kinds have arrays of the same shapes and types, so that they share compiled
 
 import hypothesis.extra.numpy as hnp
 import hypothesis.strategies as st
-import jax.numpy as jnp
 import numpy as np
 from hypothesis import settings
 
@@ -24,16 +23,16 @@ def distributions(draw, *shape, interior=False):
     weights = draw(hnp.arrays(np.int8, shape, elements=st.integers(int(interior), 4)))
     weights = weights.astype(float)
     weights[weights.sum(-1) == 0] = 1.0
-    return jnp.asarray(weights / weights.sum(-1, keepdims=True))
+    return weights / weights.sum(-1, keepdims=True)
 
 
 def tables(*shape, low=-4, high=4, scale=0.5):
     """Draw arrays of multiples of `scale`."""
     values = hnp.arrays(np.int8, shape, elements=st.integers(low, high))
-    return values.map(lambda x: jnp.asarray(x * scale))
+    return values.map(lambda x: x * scale)
 
 
-gammas = st.sampled_from([0.0, 0.5, 0.9, 0.99]).map(jnp.asarray)
+gammas = st.sampled_from([0.0, 0.5, 0.9, 0.99]).map(np.asarray)
 
 
 @st.composite
@@ -61,9 +60,9 @@ def hit_mdps(draw, shape=SHAPE, interior=True, soft=True):
         master=draw(distributions(s, k, k, interior=interior)),
         action=draw(distributions(k, s, a, interior=interior)),
         gamma=draw(gammas),
-        information=draw(tables(s, k, k, a)) if soft else jnp.zeros((s, k, k, a)),
-        option_entropy=jnp.asarray(draw(weights)),
-        action_entropy=jnp.asarray(draw(weights)),
+        information=draw(tables(s, k, k, a)) if soft else np.zeros((s, k, k, a)),
+        option_entropy=np.asarray(draw(weights)),
+        action_entropy=np.asarray(draw(weights)),
     )
 
 
@@ -81,12 +80,12 @@ def random_option_model(seed=0, shape=SHAPE, gamma=0.9):
     s, k, a = shape
     rng = np.random.default_rng(seed)
     return OptionModel(
-        transition=jnp.asarray(rng.dirichlet(np.ones(s), (s, a))),
-        reward=jnp.asarray(rng.normal(size=(s, a))),
-        master=jnp.asarray(rng.dirichlet(np.ones(k), s)),
-        termination=jnp.asarray(rng.uniform(size=(k, s))),
-        action=jnp.asarray(rng.dirichlet(np.ones(a), (k, s))),
-        gamma=jnp.asarray(gamma),
+        transition=rng.dirichlet(np.ones(s), (s, a)),
+        reward=rng.normal(size=(s, a)),
+        master=rng.dirichlet(np.ones(k), s),
+        termination=rng.uniform(size=(k, s)),
+        action=rng.dirichlet(np.ones(a), (k, s)),
+        gamma=np.asarray(gamma),
     )
 
 
@@ -94,14 +93,14 @@ def random_hit_mdp(seed=0, shape=SHAPE, gamma=0.9, **soft):
     """Return a HiT-MDP without zeros."""
     s, k, a = shape
     rng = np.random.default_rng(seed)
-    weights = {name: jnp.asarray(soft.pop(name, 0.0)) for name in ENTROPIES}
+    weights = {name: np.asarray(soft.pop(name, 0.0)) for name in ENTROPIES}
     return HiTMDP(
-        transition=jnp.asarray(rng.dirichlet(np.ones(s), (s, a))),
-        reward=jnp.asarray(rng.normal(size=(s, a))),
-        master=jnp.asarray(rng.dirichlet(np.ones(k), (s, k))),
-        action=jnp.asarray(rng.dirichlet(np.ones(a), (k, s))),
-        gamma=jnp.asarray(gamma),
-        information=soft.pop("information", jnp.zeros((s, k, k, a))),
+        transition=rng.dirichlet(np.ones(s), (s, a)),
+        reward=rng.normal(size=(s, a)),
+        master=rng.dirichlet(np.ones(k), (s, k)),
+        action=rng.dirichlet(np.ones(a), (k, s)),
+        gamma=np.asarray(gamma),
+        information=soft.pop("information", np.zeros((s, k, k, a))),
         **weights,
         **soft,
     )

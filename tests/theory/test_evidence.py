@@ -1,19 +1,21 @@
 import dataclasses
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
+from scipy.special import logsumexp
 
 from hitmdp_jax.theory import HiTMDP, elbo_objective, evidence, option_log_posterior
 from hitmdp_jax.theory.hit_mdp import entropy
+from tests.programs import compiled
 
 from .strategies import TINY, distributions, few, hit_mdps, random_hit_mdp, with_start
 
 T = 2
-enumerated = jax.jit(evidence, static_argnums=2)
-recursive = jax.jit(elbo_objective, static_argnums=2)
+enumerated = compiled(evidence, static_argnums=2)
+posterior = compiled(option_log_posterior)
+entropies = compiled(entropy)
+recursive = compiled(elbo_objective, static_argnums=2)
 
 S, K, A = TINY
 
@@ -22,10 +24,10 @@ def one_state(reward, master, action, information=0.0):
     """A HiT-MDP of one state; master [K], whatever the previous option."""
     num_options = len(master)
     return HiTMDP(
-        transition=jnp.ones((1, len(reward), 1)),
-        reward=jnp.array([reward]),
-        master=jnp.broadcast_to(jnp.array(master), (1, num_options, num_options)),
-        action=jnp.array(action)[:, None],
+        transition=np.ones((1, len(reward), 1)),
+        reward=np.array([reward]),
+        master=np.broadcast_to(np.array(master), (1, num_options, num_options)),
+        action=np.array(action)[:, None],
         gamma=1.0,
         information=information,
     )
@@ -44,7 +46,7 @@ def test_theorem_4_1_log_evidence_is_elbo_plus_kl(drawn):
 @given(with_start(hit_mdps(TINY, interior=False), interior=True))
 def test_theorem_4_1_elbo_is_the_soft_return_up_to_a_constant(drawn):
     hit, start = drawn
-    constant = T * (jnp.log(K * A) + hit.reward.max() + hit.information.max())
+    constant = T * (np.log(K * A) + hit.reward.max() + hit.information.max())
     np.testing.assert_allclose(
         recursive(hit, start, T) - constant, enumerated(hit, start, T).elbo, rtol=0, atol=1e-11
     )
@@ -52,7 +54,7 @@ def test_theorem_4_1_elbo_is_the_soft_return_up_to_a_constant(drawn):
 
 def test_theorem_4_1_with_three_steps():
     hit = random_hit_mdp(shape=TINY)
-    start = jnp.array([[0.1, 0.2], [0.3, 0.4]])
+    start = np.array([[0.1, 0.2], [0.3, 0.4]])
     result = enumerated(hit, start, 3)
     assert float(result.log_evidence) == pytest.approx(float(result.elbo + result.kl))
     constant = 3 * (np.log(K * A) + float(hit.reward.max()))
@@ -64,7 +66,7 @@ def test_eq_43_as_printed_drops_the_log_evidence():
     # action that pays -1 can be non-optimal, so q(e) < 1. (True: log q(e) = ELBO + KL.)
     optimal = np.exp([0.0, -1.0]) / np.exp([0.0, -1.0]).sum()
     hit = one_state([0.0, -1.0], [1.0], [optimal])
-    result = enumerated(hit, jnp.ones((1, 1)), T)
+    result = enumerated(hit, np.ones((1, 1)), T)
     assert float(result.kl) == pytest.approx(0.0, abs=1e-12)
     assert float(result.log_evidence) == pytest.approx(T * np.log((1 + np.exp(-1)) / 2))
     assert result.log_evidence < -result.kl
@@ -74,17 +76,17 @@ def test_eq_10_as_printed_cannot_tell_good_states_from_bad():
     # The first action leads to state 1, which pays 1 whatever is done there, the second to
     # state 2, which pays 0. Eq. 10 divides by the sum of exp(r) over actions: the likelihood of
     # being optimal is 1/2 in both, and choosing the way to state 1 is worth nothing.
-    transition = jnp.zeros((3, 2, 3)).at[0, 0, 1].set(1.0).at[0, 1, 2].set(1.0)
-    transition = transition.at[1:, :, 0].set(1.0)
-    reward = jnp.array([[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]])
-    start = jnp.zeros((3, 1)).at[0].set(1.0)
+    transition = np.zeros((3, 2, 3))
+    transition[0, 0, 1] = transition[0, 1, 2] = transition[1:, :, 0] = 1.0
+    reward = np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]])
+    start = np.array([[1.0], [0.0], [0.0]])
 
     def objective(to_state_1, reward):
-        action = jnp.array([[[to_state_1, 1 - to_state_1], [0.5, 0.5], [0.5, 0.5]]])
-        hit = HiTMDP(transition, reward, jnp.ones((3, 1, 1)), action, 1.0)
+        action = np.array([[[to_state_1, 1 - to_state_1], [0.5, 0.5], [0.5, 0.5]]])
+        hit = HiTMDP(transition, reward, np.ones((3, 1, 1)), action, 1.0)
         return float(recursive(hit, start, 2))
 
-    printed = reward - jax.nn.logsumexp(reward, axis=1, keepdims=True)
+    printed = reward - logsumexp(reward, axis=1, keepdims=True)
     assert objective(0.8, printed) == pytest.approx(objective(0.2, printed))
     assert objective(0.8, reward) - objective(0.2, reward) == pytest.approx(0.6)
 
@@ -95,13 +97,13 @@ def test_random_dynamics_keep_the_bound_from_being_tight(policy):
     # Luck decides the second state, which alone pays. The posterior q(tau | e) is lucky, no policy
     # is: the gap is at least log E[e^r] - E[r] = log((1 + e) / 2) - 1/2.
     hit = HiTMDP(
-        transition=jnp.full((2, 2, 2), 0.5),
-        reward=jnp.array([[0.0, 0.0], [1.0, 1.0]]),
-        master=jnp.ones((2, 1, 1)),
+        transition=np.full((2, 2, 2), 0.5),
+        reward=np.array([[0.0, 0.0], [1.0, 1.0]]),
+        master=np.ones((2, 1, 1)),
         action=policy[None],
         gamma=1.0,
     )
-    gap = enumerated(hit, jnp.array([[1.0], [0.0]]), 2).kl
+    gap = enumerated(hit, np.array([[1.0], [0.0]]), 2).kl
     assert gap >= np.log((1 + np.e) / 2) - 0.5 - 1e-12
 
 
@@ -112,8 +114,8 @@ def test_evidence_ignores_the_policies_if_i_is_the_option_posterior(drawn, other
     other = dataclasses.replace(hit, master=other_master)
     levels = []
     for model in (hit, other):
-        information = option_log_posterior(model)
-        np.testing.assert_allclose(jnp.exp(information).sum(2), 1.0, atol=1e-12)
+        information = posterior(model)
+        np.testing.assert_allclose(np.exp(information).sum(2), 1.0, atol=1e-12)
         result = enumerated(dataclasses.replace(model, information=information), start, T)
         levels.append(float(result.log_evidence) + T * float(information.max()))
     assert levels[0] == pytest.approx(levels[1], abs=1e-11)
@@ -123,10 +125,10 @@ def test_elbo_and_kl_disagree_if_i_depends_on_the_policies_otherwise():
     # I = log pi_A(a | s, o) - log sum_o pi_O pi_A, what the option says of the action. It changes
     # the evidence along with the policy, so a higher ELBO may come with a larger divergence.
     def scores(action):
-        master, action = jnp.array([0.1, 0.9]), jnp.array(action)
-        information = jnp.log(action) - jnp.log(master @ action)
+        master, action = np.array([0.1, 0.9]), np.array(action)
+        information = np.log(action) - np.log(master @ action)
         hit = one_state([0.0, 0.0], master, action, information[None, None])
-        start = jnp.full((1, 2), 0.5)
+        start = np.full((1, 2), 0.5)
         return float(recursive(hit, start, 1)), float(enumerated(hit, start, 1).kl)
 
     elbo, kl = scores([[0.1, 0.9], [0.9, 0.1]])
@@ -139,23 +141,23 @@ def test_eq_44_may_not_drop_the_option_entropy():
     # State 0 leads to state 1, where the master policy is undecided, or to state 2, where it is
     # not. H(pi_O) does not contain the action policy, but which state earns it does depend on it:
     # the best action policy prefers state 1 by 2 : 1, Eq. 44 is indifferent.
-    transition = jnp.zeros((3, 2, 3)).at[0, 0, 1].set(1.0).at[0, 1, 2].set(1.0)
-    transition = transition.at[1:, :, 0].set(1.0)
-    master = jnp.array([[1.0, 0.0], [0.5, 0.5], [1.0, 0.0]])
-    start = jnp.zeros((3, 2)).at[0].set(0.5)
+    transition = np.zeros((3, 2, 3))
+    transition[0, 0, 1] = transition[0, 1, 2] = transition[1:, :, 0] = 1.0
+    master = np.array([[1.0, 0.0], [0.5, 0.5], [1.0, 0.0]])
+    start = np.array([[0.5, 0.5], [0.0, 0.0], [0.0, 0.0]])
 
     def objectives(to_state_1):
-        first = jnp.array([to_state_1, 1 - to_state_1])
-        action = jnp.broadcast_to(jnp.full((3, 2), 0.5).at[0].set(first), (2, 3, 2))
+        each_state = np.array([[to_state_1, 1 - to_state_1], [0.5, 0.5], [0.5, 0.5]])
+        action = np.broadcast_to(each_state, (2, 3, 2))
         hit = HiTMDP(
             transition,
-            jnp.zeros((3, 2)),
-            jnp.broadcast_to(master[:, None], (3, 2, 2)),
+            np.zeros((3, 2)),
+            np.broadcast_to(master[:, None], (3, 2, 2)),
             action,
             1.0,
         )
         full = recursive(hit, start, 2)
-        option_entropy = to_state_1 * entropy(master)[1]
+        option_entropy = to_state_1 * entropies(master)[1]
         return float(full), float(full - option_entropy)
 
     (best, dropped), (even, dropped_even) = objectives(2 / 3), objectives(1 / 2)

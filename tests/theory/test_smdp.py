@@ -1,7 +1,5 @@
 import dataclasses
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from hypothesis import given
 
@@ -11,13 +9,14 @@ from hitmdp_jax.theory import (
     multi_time_model,
     option_value_upon_arrival,
 )
+from tests.programs import compiled
 
 from .strategies import few, option_models, random_option_model
 
-solve = jax.jit(evaluate)
-solve_smdp = jax.jit(evaluate_smdp)
-arrive = jax.jit(option_value_upon_arrival)
-run_options = jax.jit(multi_time_model)
+solve = compiled(evaluate)
+solve_smdp = compiled(evaluate_smdp)
+arrive = compiled(option_value_upon_arrival)
+run_options = compiled(multi_time_model)
 
 
 @few
@@ -35,7 +34,7 @@ def test_proposition_d_1_2_option_action_values_are_the_smdps(model):
     smdp = solve_smdp(model)
     terminate = model.termination.T
     arrival = (1 - terminate) * smdp.q_option + terminate * smdp.v[:, None]
-    expected = model.reward[:, None] + model.gamma * jnp.einsum(
+    expected = model.reward[:, None] + model.gamma * np.einsum(
         "sat,to->soa", model.transition, arrival
     )
     np.testing.assert_allclose(solve(model).q_action, expected, rtol=1e-10, atol=1e-10)
@@ -51,23 +50,23 @@ def test_proposition_d_1_3_value_upon_arrival_is_the_smdps(model):
 
 
 def test_options_of_one_step_have_one_step_models():
-    model = dataclasses.replace(random_option_model(), termination=jnp.ones((3, 2)))
+    model = dataclasses.replace(random_option_model(), termination=np.ones((3, 2)))
     options = run_options(model)
-    reward = jnp.einsum("ksa,sa->ks", model.action, model.reward)
-    chain = 0.9 * jnp.einsum("ksa,sat->kst", model.action, model.transition)
+    reward = np.einsum("ksa,sa->ks", model.action, model.reward)
+    chain = 0.9 * np.einsum("ksa,sat->kst", model.action, model.transition)
     np.testing.assert_allclose(options.reward, reward, rtol=1e-13)
     np.testing.assert_allclose(options.transition, chain, rtol=1e-13)
 
 
 def test_options_that_never_terminate_return_nowhere():
-    model = dataclasses.replace(random_option_model(), termination=jnp.zeros((3, 2)))
+    model = dataclasses.replace(random_option_model(), termination=np.zeros((3, 2)))
     options = run_options(model)
     np.testing.assert_array_equal(options.transition, 0)
     np.testing.assert_allclose(options.reward.T, solve(model).q_option, rtol=1e-12)
 
 
 def test_initiation_sets_enter_both_formulations():
-    initiation = jnp.array([[True, True], [False, True], [True, False]])
+    initiation = np.array([[True, True], [False, True], [True, False]])
     model = dataclasses.replace(random_option_model(), initiation=initiation)
     np.testing.assert_allclose(solve(model).v, solve_smdp(model).v, rtol=1e-12)
     everywhere = dataclasses.replace(model, initiation=None)

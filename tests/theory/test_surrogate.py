@@ -13,6 +13,7 @@ from hitmdp_jax.agents import MOPG
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.theory import HiTMDP, hidden_values, objective, occupancy
 from hitmdp_jax.theory.hit_mdp import entropy
+from tests.programs import compiled
 
 from .strategies import SHAPE, random_hit_mdp
 
@@ -35,8 +36,8 @@ class TabularMOPG(MOPG):
         return params["q"][obs.argmax(-1)]
 
 
-solve = jax.jit(hidden_values)
-visit = jax.jit(occupancy)
+solve = compiled(hidden_values)
+visit = compiled(occupancy)
 AGENT = TabularMOPG(num_options=K, gae_lambda=0.0)
 
 
@@ -45,11 +46,14 @@ def as_params(hit):
     return {
         "master": jnp.log(hit.master),
         "action": jnp.log(hit.action),
-        "q": solve(hit).q_option,
+        "q": hidden_values(hit).q_option,
     }
 
 
-@jax.jit
+params_of = compiled(as_params)
+
+
+@compiled
 def exact_gradient(hit, start):
     """(1 - gamma) dJ/d logits: the visits as probabilities."""
 
@@ -61,17 +65,17 @@ def exact_gradient(hit, start):
     return jax.grad(scaled)({"master": jnp.log(hit.master), "action": jnp.log(hit.action)})
 
 
-@jax.jit
+@compiled
 def surrogate_gradient(params, data):
     """The gradient that MOPG ascends, of the policies alone."""
     gradient = jax.grad(lambda p: -AGENT.loss(p, data)[0])(params)
     return {name: gradient[name] for name in ("master", "action")}
 
 
-@jax.jit
+@compiled
 def limit_of_many_samples(hit, start, advantage_option, advantage_action):
     """Every (s, o_prev, o, a) once, its advantages weighted by how often samples have it."""
-    visited = (1 - hit.gamma) * visit(hit, start)
+    visited = (1 - hit.gamma) * occupancy(hit, start)
     joint = jnp.einsum("sp,spo,osa->spoa", visited, hit.master, hit.action)
     state, previous, option, action = (x.ravel() for x in jnp.indices(joint.shape))
     weight = joint.size * joint.ravel()
@@ -92,7 +96,7 @@ def limit_of_many_samples(hit, start, advantage_option, advantage_action):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_mopg_loss_has_the_exact_gradient_in_the_limit_of_many_samples(seed):
-    hit, start = random_hit_mdp(seed), jnp.full((S, K), 1 / (S * K))
+    hit, start = random_hit_mdp(seed), np.full((S, K), 1 / (S * K))
     values = solve(hit)
     option = (values.q_option[:, None] - values.v_bar[:, :, None])[..., None]  # A^O
     action = (values.q_action - values.q_option[:, :, None])[:, None]  # A^A
@@ -109,22 +113,22 @@ def test_entropy_in_the_reward_lacks_the_gradient_of_the_entropy_at_hand():
     # entropies. H of the step itself is a constant to the advantage, so its own gradient,
     # sum_s d(s) dH/dtheta, is missing from a surrogate without an entropy bonus.
     hit = random_hit_mdp(option_entropy=0.3, action_entropy=0.3)
-    start = jnp.full((S, K), 1 / (S * K))
+    start = np.full((S, K), 1 / (S * K))
     values = solve(hit)
     option = (values.q_option[:, None] - values.v_bar[:, :, None])[..., None]
     action = (values.q_action - values.q_option[:, :, None])[:, None]
     gradient = surrogate_gradient(*limit_of_many_samples(hit, start, option, action))
 
     visited = (1 - hit.gamma) * visit(hit, start)
-    executed = jnp.einsum("sp,spo->so", visited, hit.master)
+    executed = np.einsum("sp,spo->so", visited, hit.master)
 
     def bonus(params):
         option_entropy = (visited * entropy(jax.nn.softmax(params["master"]))).sum()
         action_entropy = (executed.T * entropy(jax.nn.softmax(params["action"]))).sum()
         return 0.3 * (option_entropy + action_entropy)
 
-    policies = {name: as_params(hit)[name] for name in ("master", "action")}
-    missing, exact = jax.jit(jax.grad(bonus))(policies), exact_gradient(hit, start)
+    policies = {name: params_of(hit)[name] for name in ("master", "action")}
+    missing, exact = compiled(jax.grad(bonus))(policies), exact_gradient(hit, start)
     for name in ("master", "action"):
         np.testing.assert_allclose(gradient[name] + missing[name], exact[name], atol=1e-10)
         assert np.abs(missing[name]).max() > 1e-3
@@ -133,10 +137,10 @@ def test_entropy_in_the_reward_lacks_the_gradient_of_the_entropy_at_hand():
 def test_mopg_targets_and_loss_estimate_the_exact_gradient_from_samples():
     # The agent's own targets (GAE of one step from the exact critic, standardised) on states drawn
     # from the discounted visits. Standardising divides both gradients by a standard deviation.
-    hit, start = random_hit_mdp(), jnp.full((S, K), 1 / (S * K))
+    hit, start = random_hit_mdp(), np.full((S, K), 1 / (S * K))
     batch, count = draw_steps(hit, start, 200_000), 200_000
-    params = as_params(hit)
-    data, _ = jax.jit(AGENT.targets)(params, batch)
+    params = params_of(hit)
+    data, _ = compiled(AGENT.targets)(params, batch)
     gradient, exact = surrogate_gradient(params, data), exact_gradient(hit, start)
     scale = {
         "master": raw_advantage(hit, batch, option=True).std(),
@@ -150,10 +154,10 @@ def test_mopg_targets_and_loss_estimate_the_exact_gradient_from_samples():
         assert tolerance < 0.25 * np.abs(exact[name]).max()
 
 
-@functools.partial(jax.jit, static_argnames="count")
+@functools.partial(compiled, static_argnames="count")
 def draw_steps(hit: HiTMDP, start, count, seed=0) -> Batch:
     """Draw single steps [1, count] from the discounted visits."""
-    visited = (1 - hit.gamma) * visit(hit, start)
+    visited = (1 - hit.gamma) * occupancy(hit, start)
     keys = jax.random.split(jax.random.key(seed), 4)
 
     def draw(key, probabilities):
@@ -178,10 +182,10 @@ def draw_steps(hit: HiTMDP, start, count, seed=0) -> Batch:
     )
 
 
-@functools.partial(jax.jit, static_argnames="option")
+@functools.partial(compiled, static_argnames="option")
 def raw_advantage(hit, batch, option):
     """The one-step advantages before they are standardised."""
-    values = solve(hit)
+    values = hidden_values(hit)
     state, following = batch.obs[0].argmax(-1), batch.next_obs[0].argmax(-1)
     now, arriving = (state, batch.memory[0]), (following, batch.record[0])
     baseline = values.v_bar[now] if option else values.q_option[state, batch.record[0]]

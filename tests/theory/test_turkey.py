@@ -4,10 +4,11 @@ import pytest
 
 from hitmdp_jax.theory import turkey
 from hitmdp_jax.theory.turkey import ROAST, STUFF
+from tests.programs import compiled
 
-tabulate = jax.jit(turkey.solve_with_state, static_argnums=0)
-remember = jax.jit(turkey.solve_with_previous_action, static_argnums=0)
-learn = jax.jit(turkey.solve_with_options, static_argnames=("num_options", "uniform_start"))
+tabulate = compiled(turkey.solve_with_state, static_argnums=0)
+remember = compiled(turkey.solve_with_previous_action, static_argnums=0)
+learn = compiled(turkey.solve_with_options, static_argnames=("num_options", "uniform_start"))
 
 
 def test_values_of_the_image_find_both_actions_worth_the_same():

@@ -1,7 +1,6 @@
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,6 +18,7 @@ from hitmdp_jax.theory import (
     option_value_upon_arrival,
 )
 from hitmdp_jax.theory.hit_mdp import option_action_value
+from tests.programs import compiled
 
 from .strategies import (
     SHAPE,
@@ -31,32 +31,38 @@ from .strategies import (
 )
 
 S, K, A = SHAPE
-solve = jax.jit(evaluate)
-solve_hidden = jax.jit(hidden_values)
-operate = jax.jit(hidden_temporal_operator)
-iterate = jax.jit(evaluate_by_iteration)
-measure = jax.jit(distances_to_fixed_point, static_argnums=1)
+solve = compiled(evaluate)
+as_hidden = compiled(hit_mdp)
+upon_arrival = compiled(option_value_upon_arrival)
+solve_hidden = compiled(hidden_values)
+operate = compiled(hidden_temporal_operator)
+operate_on_v_bar = compiled(
+    lambda hit, v_bar: markovian_option_value(hit, option_action_value(hit, v_bar))
+)
+iterate = compiled(evaluate_by_iteration)
+bellman = compiled(bellman_operator)
+measure = compiled(distances_to_fixed_point, static_argnums=1)
 
 
 def sup_norm(x):
-    return float(jnp.abs(x).max())
+    return float(np.abs(x).max())
 
 
 @few
 @given(option_models())
 def test_theorem_3_2_values_are_the_operators_fixed_point(model):
     values = solve(model)
-    again = bellman_operator(model, values.q_action)
+    again = bellman(model, values.q_action)
     np.testing.assert_allclose(again, values.q_action, rtol=1e-10, atol=1e-10)
 
 
 @few
 @given(option_models())
 def test_eq_6_v_bar_averages_action_values(model):
-    values, policy = solve(model), hit_mdp(model).master
-    q_option = jnp.einsum("ksa,ska->sk", model.action, values.q_action)  # Eq. 28
+    values, policy = solve(model), as_hidden(model).master
+    q_option = np.einsum("ksa,ska->sk", model.action, values.q_action)  # Eq. 28
     np.testing.assert_allclose(values.q_option, q_option, rtol=1e-10, atol=1e-10)
-    v_bar = jnp.einsum("spo,so->sp", policy, q_option)
+    v_bar = np.einsum("spo,so->sp", policy, q_option)
     np.testing.assert_allclose(values.v_bar, v_bar, rtol=1e-10, atol=1e-10)
     v = (model.master * q_option).sum(-1)  # Eq. 27
     np.testing.assert_allclose(values.v, v, rtol=1e-10, atol=1e-10)
@@ -65,7 +71,7 @@ def test_eq_6_v_bar_averages_action_values(model):
 @few
 @given(option_models())
 def test_proposition_d_1_4_value_upon_arrival_is_v_bar(model):
-    arrival = option_value_upon_arrival(model)
+    arrival = upon_arrival(model)
     np.testing.assert_allclose(arrival, solve(model).v_bar, rtol=1e-10, atol=1e-10)
 
 
@@ -81,10 +87,7 @@ def test_theorem_3_3_operator_contracts_by_gamma(hit, q, other):
 @given(hit_mdps(interior=False), tables(S, K), tables(S, K))
 def test_theorem_3_3_contraction_over_augmented_states(hit, v_bar, other):
     # the form of Eq. 40-42: V-bar -> Q_A -> V-bar, sup norm over (s, o_prev)
-    def operator(v):
-        return markovian_option_value(hit, option_action_value(hit, v))
-
-    after = sup_norm(operator(v_bar) - operator(other))
+    after = sup_norm(operate_on_v_bar(hit, v_bar) - operate_on_v_bar(hit, other))
     assert after <= float(hit.gamma) * sup_norm(v_bar - other) + 1e-12
 
 
@@ -101,7 +104,7 @@ def test_factor_gamma_is_tight(hit, q):
 @given(hit_mdps(interior=False))
 def test_theorem_3_3_iteration_converges_to_the_linear_solve(hit):
     fixed_point = solve_hidden(hit).q_action
-    q = jnp.full_like(fixed_point, 7.0)
+    q = np.full_like(fixed_point, 7.0)
     error = sup_norm(q - fixed_point)
     for n in (1, 10, 100):
         after = sup_norm(iterate(hit, n, q) - fixed_point)
@@ -122,8 +125,8 @@ def test_iteration_finds_the_policys_value_not_the_optimal_one():
     # one state, two actions worth 0 and 1, an option that always takes the first
     model = dataclasses.replace(
         random_option_model(shape=(1, 1, 2), gamma=0.5),
-        reward=jnp.array([[0.0, 1.0]]),
-        action=jnp.array([[[1.0, 0.0]]]),
+        reward=np.array([[0.0, 1.0]]),
+        action=np.array([[[1.0, 0.0]]]),
     )
     np.testing.assert_allclose(iterate(model, 60)[0, 0], [0.0, 1.0], atol=1e-12)
     assert solve(model).v[0] == 0.0  # the optimal value is 1 / (1 - 0.5) = 2
@@ -132,10 +135,10 @@ def test_iteration_finds_the_policys_value_not_the_optimal_one():
 def test_eq_7_as_printed_counts_the_first_reward_twice():
     # state 0 pays 1 and leads to state 1, which pays nothing for ever: G = 1
     hit = HiTMDP(
-        transition=jnp.array([[[0.0, 1.0]], [[0.0, 1.0]]]),
-        reward=jnp.array([[1.0], [0.0]]),
-        master=jnp.ones((2, 1, 1)),
-        action=jnp.ones((1, 2, 1)),
+        transition=np.array([[[0.0, 1.0]], [[0.0, 1.0]]]),
+        reward=np.array([[1.0], [0.0]]),
+        master=np.ones((2, 1, 1)),
+        action=np.ones((1, 2, 1)),
         gamma=0.9,
     )
     assert solve_hidden(hit).q_action[0, 0, 0] == pytest.approx(1.0)
@@ -149,8 +152,8 @@ def test_eq_41_reward_cannot_leave_the_expectation():
     # r(s, a) has no value outside a sum over a: V-bar(s0) = E[r] = 0.5, yet no r(s0, a) is 0.5
     model = dataclasses.replace(
         random_option_model(shape=(1, 1, 2), gamma=0.0),
-        reward=jnp.array([[0.0, 1.0]]),
-        action=jnp.array([[[0.5, 0.5]]]),
+        reward=np.array([[0.0, 1.0]]),
+        action=np.array([[[0.5, 0.5]]]),
     )
     assert solve(model).v_bar[0, 0] == 0.5
 
@@ -159,13 +162,14 @@ def test_missing_transition_mass_ends_the_episode():
     ending = random_hit_mdp()
     ending = dataclasses.replace(ending, transition=0.7 * ending.transition)
     # the same with a state to go to, where nothing is earned
-    transition = jnp.zeros((S + 1, A, S + 1)).at[:S, :, :S].set(ending.transition)
-    transition = transition.at[:S, :, S].set(0.3).at[S, :, S].set(1.0)
+    transition = np.zeros((S + 1, A, S + 1))
+    transition[:S, :, :S] = ending.transition
+    transition[:S, :, S], transition[S, :, S] = 0.3, 1.0
     absorbing = HiTMDP(
         transition=transition,
-        reward=jnp.concatenate([ending.reward, jnp.zeros((1, A))]),
-        master=jnp.concatenate([ending.master, ending.master[:1]]),
-        action=jnp.concatenate([ending.action, ending.action[:, :1]], axis=1),
+        reward=np.concatenate([ending.reward, np.zeros((1, A))]),
+        master=np.concatenate([ending.master, ending.master[:1]]),
+        action=np.concatenate([ending.action, ending.action[:, :1]], axis=1),
         gamma=ending.gamma,
     )
     np.testing.assert_allclose(
@@ -175,25 +179,25 @@ def test_missing_transition_mass_ends_the_episode():
 
 def test_evaluate_jits_vmaps_and_differentiates():
     models = [random_option_model(seed) for seed in range(3)]
-    stacked = jax.tree.map(lambda *x: jnp.stack([jnp.asarray(y) for y in x]), *models)
+    stacked = jax.tree.map(lambda *x: np.stack(x), *models)
     batch = jax.jit(jax.vmap(evaluate))(stacked)
-    alone = jax.tree.map(lambda *x: jnp.stack(x), *map(solve, models))
+    alone = jax.tree.map(lambda *x: np.stack(x), *map(solve, models))
     for x, y in zip(jax.tree.leaves(batch), jax.tree.leaves(alone), strict=True):
         np.testing.assert_allclose(x, y, rtol=1e-10)
     np.testing.assert_allclose(evaluate(models[2]).v, alone.v[2], rtol=1e-10)  # not jitted
-    never = dataclasses.replace(models[0], termination=jnp.zeros((K, S)))
+    never = dataclasses.replace(models[0], termination=np.zeros((K, S)))
     gradient = jax.jit(jax.grad(lambda m: evaluate(m).v_bar.sum()))(never)
-    assert all(bool(jnp.isfinite(x).all()) for x in jax.tree.leaves(gradient))
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(gradient))
 
 
 def joint_step(model, first):
     """P(s0, o0, a0, s1, b1, o1), axes in this order."""
-    beta = jnp.stack([1 - model.termination, model.termination])  # [b, o0, s1]
+    beta = np.stack([1 - model.termination, model.termination])  # [b, o0, s1]
     master = model.master
-    choice = jnp.stack(  # [b, s1, o0, o1]
-        [jnp.broadcast_to(jnp.eye(K), (S, K, K)), jnp.broadcast_to(master[:, None], (S, K, K))]
+    choice = np.stack(  # [b, s1, o0, o1]
+        [np.broadcast_to(np.eye(K), (S, K, K)), np.broadcast_to(master[:, None], (S, K, K))]
     )
-    return jnp.einsum(
+    return np.einsum(
         "so,osa,sat,bot,btop->soatbp",
         first,
         model.action,
@@ -225,7 +229,7 @@ def conditional(joint, value, given_axes):
 )
 def test_conditional_independences_29_to_32(equation, printed, right, claimed_irrelevant):
     model = random_option_model()
-    joint = joint_step(model, jnp.full((S, K), 1 / (S * K)))
+    joint = joint_step(model, np.full((S, K), 1 / (S * K)))
     next_return = solve(model).q_option[None, None, None, :, None, :]  # E[G_1 | s1, o1]
 
     def dependence(conditions):
@@ -244,7 +248,7 @@ def test_eq_33_needs_the_state_and_holds_for_one_step_only():
     q_action = solve(model).q_action  # E[G_t | s, o, a]: the option goes on after the action
     assert sup_norm(q_action - q_action.mean(1, keepdims=True)) > 1e-3
     # the option also tells of the state, hence of the reward; given s_t too, it tells nothing
-    joint = jnp.einsum("so,osa->soa", jnp.full((S, K), 1 / (S * K)), model.action)
+    joint = np.einsum("so,osa->soa", np.full((S, K), 1 / (S * K)), model.action)
     reward = model.reward[:, None]
     by_option = conditional(joint, reward, (1, 2)) - conditional(joint, reward, (2,))
     assert sup_norm(by_option) > 1e-3

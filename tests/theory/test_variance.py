@@ -1,7 +1,5 @@
 import dataclasses
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -24,6 +22,7 @@ from hitmdp_jax.theory import (
     variance_decomposition,
     visits,
 )
+from tests.programs import compiled
 
 from .strategies import (
     SHAPE,
@@ -37,13 +36,20 @@ from .strategies import (
 )
 
 S, K, _ = SHAPE
-decompose = jax.jit(variance_decomposition)
-solve = jax.jit(evaluate)
-solve_hidden = jax.jit(hidden_values)
-moment = jax.jit(return_second_moment)
-visited_at = jax.jit(visits)
-probable = jax.jit(hit_mdp_probability)
-probable_smdp = jax.jit(smdp_probability)
+decompose = compiled(variance_decomposition)
+solve = compiled(evaluate)
+as_hidden = compiled(hit_mdp)
+first_drawn = compiled(first_option)
+believed = compiled(previous_option_belief)
+averaged = compiled(expected_value)
+every = compiled(enumerate_trajectories, static_argnums=(0, 1, 2, 3))
+visited = compiled(occupancy)
+solve_hidden = compiled(hidden_values)
+returned = compiled(discounted_return)
+moment = compiled(return_second_moment)
+visited_at = compiled(visits)
+probable = compiled(hit_mdp_probability)
+probable_smdp = compiled(smdp_probability)
 
 
 @few
@@ -51,14 +57,14 @@ probable_smdp = jax.jit(smdp_probability)
 def test_proposition_3_4_v_bar_is_unbiased_for_the_mean_return_of_visits(drawn):
     # E[G_2 | s_2], the left side from enumerated SMDP trajectories and Q_O at their last step
     model, start = drawn
-    hit, values = hit_mdp(model), solve(model)
-    tau = enumerate_trajectories(*TINY, 3)
-    probability = probable_smdp(model, first_option(hit, start), tau)
+    hit, values = as_hidden(model), solve(model)
+    tau = every(*TINY, 3)
+    probability = probable_smdp(model, first_drawn(hit, start), tau)
     worth = values.q_option[tau.state[:, 2], tau.option[:, 2]]
-    belief = previous_option_belief(visited_at(hit, start, 2))
-    unbiased = expected_value(values.v_bar, belief)
+    belief = believed(visited_at(hit, start, 2))
+    unbiased = averaged(values.v_bar, belief)
     for s in range(2):
-        here = jnp.where(tau.state[:, 2] == s, probability, 0.0)
+        here = np.where(tau.state[:, 2] == s, probability, 0.0)
         if here.sum() > 0:
             mean_return = (here * worth).sum() / here.sum()
             np.testing.assert_allclose(mean_return, unbiased[s], rtol=1e-10, atol=1e-10)
@@ -69,42 +75,42 @@ def test_proposition_3_4_fails_for_the_value_of_eq_27():
     # step. The master policy picks option 0 in state 0, would pick option 1 in state 1, but no
     # option terminates there: every visit to state 1 executes option 0.
     model = OptionModel(
-        transition=jnp.zeros((2, 2, 2)).at[:, :, 1].set(1.0),
-        reward=jnp.array([[0.0, 0.0], [0.0, 1.0]]),
-        master=jnp.array([[1.0, 0.0], [0.0, 1.0]]),
-        termination=jnp.array([[1.0, 0.0], [1.0, 0.0]]),
-        action=jnp.broadcast_to(jnp.eye(2)[:, None], (2, 2, 2)),
+        transition=np.broadcast_to([0.0, 1.0], (2, 2, 2)),
+        reward=np.array([[0.0, 0.0], [0.0, 1.0]]),
+        master=np.array([[1.0, 0.0], [0.0, 1.0]]),
+        termination=np.array([[1.0, 0.0], [1.0, 0.0]]),
+        action=np.broadcast_to(np.eye(2)[:, None], (2, 2, 2)),
         gamma=0.9,
     )
-    values, hit = solve(model), hit_mdp(model)
+    values, hit = solve(model), as_hidden(model)
     assert values.v[1] == pytest.approx(10.0)
-    start = jnp.array([[0.5, 0.5], [0.0, 0.0]])
-    for weights in (visited_at(hit, start, 1), visited_at(hit, start, 9), occupancy(hit, start)):
-        mean_return = expected_value(values.v_bar, previous_option_belief(weights))
+    start = np.array([[0.5, 0.5], [0.0, 0.0]])
+    for weights in (visited_at(hit, start, 1), visited_at(hit, start, 9), visited(hit, start)):
+        mean_return = averaged(values.v_bar, believed(weights))
         assert mean_return[1] == pytest.approx(0.0)
 
 
 @few
 @given(option_models())
 def test_both_values_agree_where_every_option_terminates(model):
-    model = dataclasses.replace(model, termination=jnp.ones_like(model.termination))
+    model = dataclasses.replace(model, termination=np.ones_like(model.termination))
     values = solve(model)
-    for belief in (jnp.full((S, K), 1 / K), jnp.eye(K)[:S]):
-        np.testing.assert_allclose(
-            expected_value(values.v_bar, belief), values.v, rtol=1e-10, atol=1e-10
-        )
+    for belief in (np.full((S, K), 1 / K), np.eye(K)[:S]):
+        np.testing.assert_allclose(averaged(values.v_bar, belief), values.v, rtol=1e-10, atol=1e-10)
 
 
 def test_second_moment_by_enumeration():
     # gamma = 0.01: five steps hold all but 1e-10 of the return
     hit = random_hit_mdp(shape=TINY, gamma=0.01)
-    tau = enumerate_trajectories(*TINY, 5)
-    squared = discounted_return(hit.reward, hit.gamma, tau) ** 2
+    tau = every(*TINY, 5)
+    squared = returned(hit.reward, hit.gamma, tau) ** 2
+    tau_bar = compiled(one_hot, static_argnums=1)(tau, 2)
     second = np.asarray(moment(hit))
     for s in range(2):
         for previous in range(2):
-            start = jnp.zeros((2, 2)).at[s, previous].set(1.0)
-            probability = probable(hit, first_option(hit, start), one_hot(tau, 2))
+            start = np.zeros((2, 2))
+            start[s, previous] = 1.0
+            probability = probable(hit, first_drawn(hit, start), tau_bar)
             assert float(probability @ squared) == pytest.approx(second[s, previous], abs=1e-9)
 
 
@@ -138,14 +144,14 @@ def test_proposition_3_5_as_printed_is_the_wrong_way_round():
     # One state, two options that never terminate and earn 0 or 1: V-bar is 0 or 10, their mean is
     # 5. So Var(V-bar[s, o]) = 25 > 0 = Var(V[s]); the printed proof's first line swaps the two.
     model = OptionModel(
-        transition=jnp.ones((1, 2, 1)),
-        reward=jnp.array([[0.0, 1.0]]),
-        master=jnp.array([[0.5, 0.5]]),
-        termination=jnp.zeros((2, 1)),
-        action=jnp.eye(2)[:, None],
+        transition=np.ones((1, 2, 1)),
+        reward=np.array([[0.0, 1.0]]),
+        master=np.array([[0.5, 0.5]]),
+        termination=np.zeros((2, 1)),
+        action=np.eye(2)[:, None],
         gamma=0.9,
     )
-    parts = decompose(hit_mdp(model), jnp.array([[0.5, 0.5]]))
+    parts = decompose(as_hidden(model), np.array([[0.5, 0.5]]))
     assert parts.between[0] == pytest.approx(25.0)  # Var(V-bar), against Var(V) = 0
     assert parts.total[0] == pytest.approx(25.0)  # E (G - V)^2
     assert parts.within[0] == pytest.approx(0.0, abs=1e-9)  # E (G - V-bar)^2, the true claim
@@ -153,5 +159,5 @@ def test_proposition_3_5_as_printed_is_the_wrong_way_round():
 
 
 def test_belief_in_a_state_never_visited_is_uniform():
-    belief = previous_option_belief(jnp.array([[0.2, 0.6], [0.0, 0.0]]))
+    belief = believed(np.array([[0.2, 0.6], [0.0, 0.0]]))
     np.testing.assert_allclose(belief, [[0.25, 0.75], [0.5, 0.5]])
