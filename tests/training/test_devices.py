@@ -8,9 +8,7 @@ from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.devices import num_shards, place
 from hitmdp_jax.training.run import Run
-
-SMALL = {"name": "ppo", "num_epochs": 1, "hidden_sizes": [8]}
-PENDULUM = {"name": "invertedpendulum"}
+from tests.probes import QUICK
 
 
 @pytest.mark.parametrize(
@@ -29,17 +27,24 @@ def test_the_last_training_is_repeated_where_they_do_not_divide():
     np.testing.assert_array_equal(*jax.random.key_data(x["key"])[2:])
 
 
+def config(**settings):
+    return RunConfig.from_mapping(QUICK | settings)
+
+
+def after_an_iteration(run, init, step):
+    state, metrics = step(run.begin(0, Progress(0, 0, None), init))
+    state = state.replace(key=jax.random.key_data(state.key))
+    return jax.device_get(run.own((state, metrics)))
+
+
 def test_seeds_on_two_devices_equal_seeds_on_one():
-    """Three seeds, which two devices do not divide."""
-    config = RunConfig.from_mapping(
-        {"algo": SMALL, "env": PENDULUM, "physics": "native", "seeds": 3, "total_steps": 64,
-         "num_envs": 4, "rollout_length": 16}
-    )  # fmt: skip
-    results = []
-    for devices in (jax.devices()[:1], jax.devices()):
-        run = dataclasses.replace(Run.create(config), devices=devices)
-        init, step = run.programs(0)
-        state, metrics = step(run.begin(0, Progress(0, 0, None), init))
-        results.append(run.own((jax.tree.leaves(state.learner), metrics["action_kl"])))
-        assert len(results[-1][1]) == 3
-    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-5), *results)
+    """Three seeds, which two devices do not divide, and each of them alone."""
+    run, alone = Run.create(config(seeds=3)), Run.create(config())
+    assert [len(x.devices) for x in (run, alone)] == [2, 1]
+    together = after_an_iteration(run, *run.programs(0))
+    assert len(together[1]["action_kl"]) == 3
+    program = alone.programs(0)
+    for seed in range(3):
+        one = after_an_iteration(dataclasses.replace(alone, config=config(seed=seed)), *program)
+        here = jax.tree.map(lambda x, i=seed: x[i : i + 1], together)
+        jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-5), here, one)
