@@ -1,4 +1,4 @@
-"""Tiny environments with known answers, and agents to run on them."""
+"""Tiny environments with known answers, and a quick run."""
 
 import jax
 import jax.numpy as jnp
@@ -6,6 +6,14 @@ from brax.envs.base import Env, State
 from flax import struct
 
 from hitmdp_jax.training.sweep import Training
+
+# A run that compiles quickly. Wherever another one is not the point it is this one, so that its
+# program is compiled once for all, in the tests' process and in those that they start.
+QUICK = {
+    "algo": {"name": "ppo", "num_epochs": 1, "hidden_sizes": [8], "minibatch_size": 2048},
+    "env": {"name": "invertedpendulum"},
+    "physics": "native",
+}
 
 
 class Target(Env):

@@ -8,6 +8,8 @@ from pathlib import Path
 import jax
 import pytest
 
+from tests.commands.conftest import QUICK
+
 CHECKOUT = Path(__file__).parents[1]
 
 
@@ -29,15 +31,16 @@ COMMANDS = """
 import contextlib, io, runpy, sys
 import hitmdp_jax
 
+site, *settings = sys.argv[1:]
+
 def run(name, *arguments):
     sys.argv = [name, *arguments]
     with contextlib.redirect_stdout(io.StringIO()) as out:
         runpy.run_module(f"hitmdp_jax.{name}", run_name="__main__")
     return out.getvalue()
 
-assert hitmdp_jax.__file__.startswith(sys.argv[1]), hitmdp_jax.__file__
-settings = "env=invertedpendulum algo=ppo physics=native algo.num_epochs=1 total_steps=2048"
-run("train", *settings.split(), "run_dir=a run")
+assert hitmdp_jax.__file__.startswith(site), hitmdp_jax.__file__
+run("train", *settings, "total_steps=2048", "run_dir=a run")
 assert "± " not in run("evaluate", "a run", "--episodes", "2", "--json")
 hitmdp_jax.load("a run")
 assert "theory" in run("reproduce", "--help")
@@ -51,7 +54,7 @@ def test_a_wheel_trains_evaluates_and_loads_in_an_empty_folder(site, tmp_path):
     assert not (site / "tests").exists()
     cache = str(jax.config.jax_compilation_cache_dir)
     out = subprocess.run(
-        [sys.executable, "-c", COMMANDS, str(site)],
+        [sys.executable, "-c", COMMANDS, str(site), *QUICK],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(site), "JAX_COMPILATION_CACHE_DIR": cache},
         capture_output=True,

@@ -19,7 +19,10 @@ from hitmdp_jax.training.run import Run
 from tests.signals import signals_heard
 
 CHECKOUT = Path(__file__).parents[2]
-QUICK = ("env=invertedpendulum", "physics=native", "algo=ppo", "algo.num_epochs=1")
+SMALL = ("algo.num_epochs=1", "algo.hidden_sizes=[8]", "algo.minibatch_size=2048")
+QUICK = ("env=invertedpendulum", "physics=native", "algo=ppo", *SMALL)  # that of tests/probes.py
+FINISHED = ("env=invertedpendulum", "physics=native", *SMALL, "seeds=2", "seed=3")
+FINISHED += ("eval_every=4096", "eval_episodes=2")
 
 
 @pytest.fixture(scope="package")
@@ -117,10 +120,6 @@ def finished(command, tmp_path_factory):
     result = command("train", *FINISHED, "total_steps=8192", f"run_dir={run_dir}")
     assert result.returncode == 0, result.stderr
     return run_dir, result
-
-
-FINISHED = ("env=invertedpendulum", "physics=native", "algo.num_epochs=1", "seeds=2", "seed=3")
-FINISHED += ("eval_every=4096", "eval_episodes=2")
 
 
 def rows_of(run_dir, name="metrics.csv"):

@@ -19,6 +19,7 @@ from tests.commands.conftest import (
     CHECKOUT,
     FINISHED,
     QUICK,
+    SMALL,
     rows_of,
     signal_after_rows,
     wait_for_rows,
@@ -112,7 +113,7 @@ def test_a_finished_run_says_so(command, finished):
 def test_a_transfer_switches_tasks_and_resumes_on_either_side(command, tmp_path):
     """Two seeds, so that a state restored at the switch has to find its two devices."""
     pair = ("experiment=transfer", "pair=cartpole", "algo=ppo", "physics=native", "seeds=2")
-    settings = (*pair, "algo.num_epochs=1", "total_steps=4096", "checkpoint_steps=2048")
+    settings = (*pair, *SMALL, "total_steps=4096", "checkpoint_steps=2048")
     whole = tmp_path / "whole"
     result = command("train", *settings, f"run_dir={whole}")
     assert result.returncode == 0, result.stderr

@@ -1,3 +1,5 @@
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -6,13 +8,7 @@ from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.devices import num_shards, place
 from hitmdp_jax.training.run import Run
-
-# The runs of tests/commands, which are compiled once for both.
-QUICK = {
-    "algo": {"name": "ppo", "num_epochs": 1},
-    "env": {"name": "invertedpendulum"},
-    "physics": "native",
-}
+from tests.probes import QUICK
 
 
 @pytest.mark.parametrize(
@@ -31,20 +27,24 @@ def test_the_last_training_is_repeated_where_they_do_not_divide():
     np.testing.assert_array_equal(*jax.random.key_data(x["key"])[2:])
 
 
-def learned(**settings):
-    run = Run.create(RunConfig.from_mapping(QUICK | settings))
-    init, step = run.programs(0)
+def config(**settings):
+    return RunConfig.from_mapping(QUICK | settings)
+
+
+def after_an_iteration(run, init, step):
     state, metrics = step(run.begin(0, Progress(0, 0, None), init))
     state = state.replace(key=jax.random.key_data(state.key))
     return jax.device_get(run.own((state, metrics)))
 
 
-def test_a_seed_among_others_on_two_devices_equals_the_seed_alone():
-    """Three of them, which two devices do not divide."""
-    together = learned(seeds=3)
-    for i, seed in ((0, 0), (2, 2)):
-        alone = learned(seeds=1, seed=seed)
-        here = jax.tree.map(lambda x, i=i: x[i : i + 1], together)
-        jax.tree.map(
-            lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-4), here, alone
-        )
+def test_seeds_on_two_devices_equal_seeds_on_one():
+    """Three seeds, which two devices do not divide, and each of them alone."""
+    run, alone = Run.create(config(seeds=3)), Run.create(config())
+    assert [len(x.devices) for x in (run, alone)] == [2, 1]
+    together = after_an_iteration(run, *run.programs(0))
+    assert len(together[1]["action_kl"]) == 3
+    program = alone.programs(0)
+    for seed in range(3):
+        one = after_an_iteration(dataclasses.replace(alone, config=config(seed=seed)), *program)
+        here = jax.tree.map(lambda x, i=seed: x[i : i + 1], together)
+        jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-5), here, one)

@@ -19,9 +19,9 @@ def step(x, _):
     factors = [jnp.linalg.cholesky(i * x + 9 * jnp.eye(9)) for i in range(1, 3)]
     return sum(f @ f.mT for f in factors) / 100, None
 
-run = jax.jit(lambda x: jax.lax.scan(step, x, length=50)[0])
+run = jax.jit(lambda x: jax.lax.scan(step, x, length=20)[0])
 x = jnp.broadcast_to(jnp.eye(9), (4096, 9, 9))
-for _ in range(10):
+for _ in range(5):
     x = run(x).block_until_ready()
 print(len(jax.local_devices()))
 """

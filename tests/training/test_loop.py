@@ -15,14 +15,9 @@ from hitmdp_jax.training.checkpoint import Progress, saved_iterations
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.run import Run
 from hitmdp_jax.training.sinks import CsvSink, Sinks
+from tests.probes import QUICK
 
-CONFIG = RunConfig(  # the quick run of tests/commands, which is compiled once for both
-    algo={"name": "ppo", "num_epochs": 1},
-    env={"name": "invertedpendulum", "version": "v5"},
-    physics="native",
-    seed=3,
-    total_steps=4 * 2048,
-)
+CONFIG = RunConfig.from_mapping(QUICK | {"seed": 3, "total_steps": 4 * 2048})
 
 
 class Recorder:
