@@ -167,7 +167,7 @@ def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
         print(f"warning: the figures could not be written: {error.strerror}", file=sys.stderr)
     for training, (iteration, cause) in outcome.diverged.items():
         print(
-            f"{training.name} diverged at iteration {iteration}: its {cause} were no longer "
+            f"{training.name} diverged at iteration {iteration}, when its {cause} ceased to be "
             "finite; it keeps what it had learned before.",
             file=sys.stderr,
         )

@@ -106,7 +106,7 @@ def test_a_full_disk_ends_nothing_that_was_saved(start, command, small_disk):
     """The disk fills up after the first checkpoints: the run goes on and says what it could not."""
     run_dir = small_disk / "run"
     settings = (*QUICK, "total_steps=20480", "checkpoint_steps=4096", f"run_dir={run_dir}")
-    (small_disk / "ballast").write_bytes(b"\0" * (4 * 2**20))
+    (small_disk / "ballast").write_bytes(b"\0" * (9 * 2**19))
     process = start("train", *settings)  # whose threads and libraries say what they say as well
     _, errors = process.communicate()
     assert process.returncode == 2, errors

@@ -195,7 +195,7 @@ def test_a_run_is_not_overwritten_unless_asked(command, tmp_path):
 
 
 def test_a_sweep_checks_every_job_first_and_resumes(command, tmp_path):
-    """Its third job has a huge learning rate: the parameters overflow in the first iteration."""
+    """Its third job has a huge learning rate: the loss overflows after the first iteration."""
     arguments = ("-m", *QUICK, "total_steps=6144", f"run_dir={tmp_path / 'sweep'}")
     wrong = command("train", *arguments, "algo.learning_rate=3e-4,abc")
     assert wrong.returncode == 2
@@ -213,10 +213,10 @@ def test_a_sweep_checks_every_job_first_and_resumes(command, tmp_path):
 
 def assert_frozen_and_told(result, run_dir):
     assert result.returncode == 3, result.stderr
-    assert "seed 0 diverged at iteration 1" in result.stderr
+    assert "seed 0 diverged at iteration 2, when its loss ceased to be finite" in result.stderr
     rows = rows_of(run_dir)
-    assert [row["diverged"] for row in rows] == ["1"] * 3
-    assert all(row["value_loss"] == "" for row in rows)
+    assert [row["diverged"] for row in rows] == ["0", "1", "1"]
+    assert [row["value_loss"] == "" for row in rows] == [False, True, True]
     state = restore(run_dir).state
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(state.learner.params))
 
