@@ -94,7 +94,7 @@ def places(config: RunConfig, seed: int | None = None, setting: int | None = Non
     """
     seeds, settings = {t.seed for t in config.trainings}, range(len(config.settings))
     for name, wanted, there in (("seed", seed, seeds), ("setting", setting, settings)):
-        if wanted is not None and wanted not in there:
+        if wanted is not None and (not isinstance(wanted, int) or wanted not in there):
             raise UsageError(
                 f"{name} = {wanted} is not in the run, which holds {min(there)} to {max(there)}."
             )

@@ -44,6 +44,7 @@ def recorded(request, policy):
     if request.param == "gymnasium":
         return jax.device_get(record_in_gymnasium(policy, PENDULUM, key, 3, physics=True))
     env = make_env(**PENDULUM, physics=request.param)
+    env.episode_length = 100  # long enough to fall over
     return jax.device_get(record(policy, env, key, 3, physics=True))
 
 
