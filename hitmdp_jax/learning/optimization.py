@@ -58,19 +58,17 @@ def minibatch_epochs(
       The new params and optimiser state, and the diagnostics averaged over all steps.
     """
     num_samples = len(jax.tree.leaves(data)[0])
-    permutations = jax.vmap(lambda k: jax.random.permutation(k, num_samples))(
-        jax.random.split(key, num_epochs)
-    )
 
-    def step(carry: tuple[Any, Any], indices: jax.Array):
-        params, opt_state = carry
-        minibatch = jax.tree.map(lambda x: x[indices], data)
-        params, opt_state, diagnostics = gradient_step(
-            loss, optimizer, params, opt_state, minibatch
-        )
+    def step(carry: tuple[Any, Any], minibatch: Any):
+        params, opt_state, diagnostics = gradient_step(loss, optimizer, *carry, minibatch)
         return (params, opt_state), diagnostics
 
+    def epoch(carry: tuple[Any, Any], key: jax.Array):
+        order = jax.random.permutation(key, num_samples).reshape(-1, minibatch_size)
+        # One gather an epoch: minibatches are slices of what it has laid out.
+        return jax.lax.scan(step, carry, jax.tree.map(lambda x: x[order], data))
+
     (params, opt_state), diagnostics = jax.lax.scan(
-        step, (params, opt_state), permutations.reshape(-1, minibatch_size)
+        epoch, (params, opt_state), jax.random.split(key, num_epochs)
     )
     return params, opt_state, jax.tree.map(jnp.mean, diagnostics)
