@@ -92,34 +92,9 @@ def sbx(seconds: float) -> Figures:
     return sb3(seconds, sbx)
 
 
-def rejax(seconds: float) -> Figures:
-    """Train Rejax's PPO, one program as ours, on Brax's HalfCheetah (simpler physics)."""
-    import jax
-    from rejax import PPO  # pyright: ignore
-
-    iterations = 10
-    ppo = PPO.create(
-        env="brax/halfcheetah", env_params={"backend": "generalized"}, num_envs=NUM_ENVS,
-        num_steps=LENGTH, num_minibatches=STEPS // MINIBATCH, num_epochs=EPOCHS,
-        total_timesteps=iterations * STEPS, skip_initial_evaluation=True,
-        eval_freq=iterations * STEPS, agent_kwargs={"hidden_layer_sizes": SIZES},
-    )  # fmt: skip
-    train = jax.jit(ppo.train)
-    start = time.perf_counter()
-    jax.block_until_ready(train(jax.random.key(0)))
-    first = time.perf_counter() - start
-    speeds = []
-    while time.perf_counter() - start - first < seconds:
-        begin = time.perf_counter()
-        jax.block_until_ready(train(jax.random.key(len(speeds))))
-        speeds.append(iterations * STEPS / (time.perf_counter() - begin))
-    return {"steps_per_second": statistics.median(speeds), "first_update_s": first}
-
-
 ROWS: dict[str, Callable[[float], Figures]] = {
     "sb3 PPO": sb3,
     "sbx PPO": sbx,
-    "rejax PPO (Brax physics)": rejax,
     "hitmdp_jax PPO": lambda seconds: ours("ppo", "native", 1, seconds),
     "hitmdp_jax MOPG": lambda seconds: ours("mopg", "native", 1, seconds),
     "hitmdp_jax MOPG, mjx": lambda seconds: ours("mopg", "mjx", 1, seconds),
