@@ -41,7 +41,8 @@ def ours(algo: str, physics: str, seeds: int, seconds: float) -> Figures:
                 if process.poll() is not None:
                     raise RuntimeError(f"{' '.join(command)} failed")
             first = time.perf_counter() - start
-            time.sleep(seconds)
+            while time.perf_counter() - start - first < seconds or len(_rows(run_dir)) < 16 * seeds:
+                time.sleep(0.5)
             process.terminate()
         # The first rows' speed contains the start.
         speeds = [float(row["steps_per_second"]) for row in _rows(run_dir)[11 * seeds :: seeds]]
