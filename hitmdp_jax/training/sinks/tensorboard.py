@@ -35,8 +35,10 @@ class TensorboardSink:
         self._settings = np.array([training.setting for training in trainings])
         labels = {training.setting: label(training.swept) for training in trainings}
         self._writers = []
-        for text in labels.values():
-            folder = run_dir / "settings" / text.replace(", ", ",") if text else run_dir
+        for setting, text in labels.items():
+            # The number as well: labels are rounded, and random settings may come close.
+            name = f"{setting},{text.replace(', ', ',')}"
+            folder = run_dir / "settings" / name if text else run_dir
             folder.mkdir(parents=True, exist_ok=True)
             # Files are named by the second: one that resumes at once must not take another's.
             self._writers.append(EventsWriter(str(folder / "events"), f".{resume_after}"))

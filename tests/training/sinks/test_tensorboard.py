@@ -48,6 +48,16 @@ def test_the_settings_of_a_sweep_are_runs_of_their_own(tmp_path):
     sink.write(1, 2048, {"a_metric": np.array([0.0, 1.0, 2.0, np.nan])})
     sink.close()
     for i, value in enumerate((0.5, 2.0)):
-        folder = tmp_path / "settings" / f"gamma={0.9 + i / 20:.4g}"
+        folder = tmp_path / "settings" / f"{i},gamma={0.9 + i / 20:.4g}"
         events = EventAccumulator(str(folder)).Reload()
         assert events.Scalars("a_metric/mean")[0].value == value
+
+
+def test_settings_that_are_rounded_alike_do_not_share_a_file(tmp_path):
+    swept = [Training(0, i, {"algo.gamma": 0.99 + i * 1e-6}) for i in (0, 1)]
+    sink = TensorboardSink(tmp_path, swept)
+    sink.write(1, 2048, {"a_metric": np.array([1.0, 2.0])})
+    sink.close()
+    folders = sorted((tmp_path / "settings").iterdir())
+    events = [EventAccumulator(str(folder)).Reload() for folder in folders]
+    assert [e.Scalars("a_metric/mean")[0].value for e in events] == [1.0, 2.0]
