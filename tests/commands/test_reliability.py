@@ -121,12 +121,14 @@ def test_a_full_disk_ends_nothing_that_was_saved(start, command, small_disk):
     assert len(rows_of(run_dir)) == 10
 
 
-def test_what_is_killed_before_its_first_checkpoint_starts_again(command, tmp_path):
-    """It leaves its settings and rows of which no checkpoint knows."""
+def test_what_is_killed_before_its_first_checkpoint_starts_again(start, command, tmp_path):
     run_dir = tmp_path / "run"
-    settings = (*QUICK, "total_steps=4096", f"run_dir={run_dir}")
-    assert command("train", *settings).returncode == 0
-    shutil.rmtree(run_dir / "checkpoints")
+    process = start("train", *QUICK, "total_steps=4096", f"run_dir={run_dir}")
+    while not (run_dir / "config.yaml").exists():
+        time.sleep(0.05)
+    process.kill()
+    process.communicate()
+    shutil.rmtree(run_dir / "checkpoints", ignore_errors=True)
     result = command("train", f"resume={run_dir}")
     assert result.returncode == 0, result.stderr
     assert len(rows_of(run_dir)) == 2
