@@ -6,7 +6,6 @@ and checkpoints included, after its first update, whose time stands beside it.
 """
 
 import argparse
-import csv
 import json
 import os
 import statistics
@@ -18,10 +17,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from hitmdp_jax.analysis.figures import read_metrics
+from hitmdp_jax.training.loop import SPEED_WINDOW
+
 TASK = "HalfCheetah-v5"
 NUM_ENVS, LENGTH, MINIBATCH, EPOCHS, SIZES = 16, 128, 64, 10, (64, 64)
 STEPS = NUM_ENVS * LENGTH  # of an iteration
 SETTINGS = ("env=halfcheetah", f"num_envs={NUM_ENVS}", f"rollout_length={LENGTH}")
+
+FEWEST = SPEED_WINDOW + 5  # reports of ours
 
 Figures = dict[str, float]  # steps_per_second of all seeds together, first_update_s
 
@@ -36,25 +40,24 @@ def ours(algo: str, physics: str, seeds: int, seconds: float) -> Figures:
         ]  # fmt: skip
         start = time.perf_counter()
         with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
-            while not _rows(run_dir):
+            while not len(speeds := _speeds(run_dir)):
                 time.sleep(0.05)
                 if process.poll() is not None:
                     raise RuntimeError(f"{' '.join(command)} failed")
             first = time.perf_counter() - start
-            while time.perf_counter() - start - first < seconds or len(_rows(run_dir)) < 16 * seeds:
+            while time.perf_counter() - start - first < seconds or len(speeds) < FEWEST:
                 time.sleep(0.5)
+                speeds = _speeds(run_dir)
             process.terminate()
-        # The first rows' speed contains the start.
-        speeds = [float(row["steps_per_second"]) for row in _rows(run_dir)[11 * seeds :: seeds]]
-    return {"steps_per_second": seeds * statistics.median(speeds), "first_update_s": first}
+    # The first reports' speed contains the start.
+    steady = statistics.median(speeds[SPEED_WINDOW:])
+    return {"steps_per_second": seeds * steady, "first_update_s": first}
 
 
-def _rows(run_dir: Path) -> list[dict[str, str]]:
-    path = run_dir / "metrics.csv"
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        return list(csv.DictReader(line for line in file if line.endswith("\n")))
+def _speeds(run_dir: Path) -> Any:
+    """Return the speed of each seed in the reports that a run has written so far."""
+    metrics = read_metrics(run_dir) if (run_dir / "metrics.csv").exists() else {}
+    return metrics["steps_per_second"][0] if metrics else []
 
 
 def sb3(seconds: float, library: Any = None) -> Figures:
