@@ -16,11 +16,12 @@ import pytest
 
 from hitmdp_jax.training.config import BESIDE_THE_POINT
 from hitmdp_jax.training.run import Run
+from tests import probes
 from tests.signals import signals_heard
 
 CHECKOUT = Path(__file__).parents[2]
-SMALL = ("algo.num_epochs=1", "algo.hidden_sizes=[8]", "algo.minibatch_size=2048")
-QUICK = ("env=invertedpendulum", "physics=native", "algo=ppo", *SMALL)  # that of tests/probes.py
+SMALL = tuple(f"algo.{name}={x}" for name, x in probes.QUICK["algo"].items() if name != "name")
+QUICK = ("env=invertedpendulum", "physics=native", "algo=ppo", *SMALL)
 FINISHED = ("env=invertedpendulum", "physics=native", *SMALL, "seeds=2", "seed=3")
 FINISHED += ("eval_every=4096", "eval_episodes=2")
 
