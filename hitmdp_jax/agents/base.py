@@ -127,6 +127,10 @@ class Agent(abc.ABC):
         """Return the agent with other hyperparameters."""
         return dataclasses.replace(self, **changes)
 
+    def traced_values(self) -> dict[str, Any]:
+        """Return the hyperparameters that are pytree leaves, by name: what may be swept."""
+        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if _is_leaf(f)}
+
     def scheduled(self, progress: jax.Array) -> "Agent":
         """Return the agent as it acts and learns after a fraction `progress` of the run."""
         return self

@@ -18,7 +18,7 @@ from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.policy import Policy, load_all, places
 from hitmdp_jax.training.run import Run
-from hitmdp_jax.training.sweep import PREFIX, Training, index_values, sweep_columns
+from hitmdp_jax.training.sweep import PREFIX, Training
 
 COLUMNS: tuple[str, ...] = (
     "iteration", "seed", "engine", "episodes", "deterministic",
@@ -66,17 +66,9 @@ def _main() -> None:
     if options.json:
         print(json.dumps(rows, indent=2))
         return
-    index = ("seed", *sweep_columns(config.trainings))
-    table = Table(
-        *(name.removeprefix(PREFIX) for name in index),
-        "return",
-        "std",
-        "min",
-        "max",
-        "std error",
-        "length",
-        title=engine,
-    )
+    index = list(config.trainings[0].columns)
+    numbers = ("return", "std", "min", "max", "std error", "length")
+    table = Table(*(name.removeprefix(PREFIX) for name in index), *numbers, title=engine)
     for entry in rows:
         numbers = [entry[name] for name in ("return", "std", "min", "max", "std_error")]
         shown = ("-" if x is None else f"{x:,.1f}" for x in numbers)
@@ -96,8 +88,7 @@ def row(
         *(float(x) for x in numbers), None if np.isnan(error) else error,
         float(scores.lengths.mean()),
     )  # fmt: skip
-    swept = zip(sweep_columns([training]), index_values(training)[1:], strict=True)
-    return dict(zip(COLUMNS, values, strict=True)) | dict(swept)
+    return dict(zip(COLUMNS, values, strict=True)) | training.columns
 
 
 def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:

@@ -93,8 +93,7 @@ class RunConfig:
             check_engine(task["name"], engine)
         agent = config.make_agent()
         check_sizes(agent, config.total_steps, config.num_envs, config.rollout_length)
-        defaults = {field.name: field.default for field in dataclasses.fields(agent)}
-        check_sweep(config.sweep, config.samples, defaults)
+        check_sweep(config.sweep, config.samples, agent)
         for setting in config.settings:
             config.make_agent(setting)
         return config

@@ -155,7 +155,7 @@ class Reporter:
             extra |= dict.fromkeys(hook.names, np.full(len(config.trainings), np.nan))
             if progress.iteration % config.iterations_in(hook.every) == 0:
                 extra |= hook(self._run, progress)
-        self._pending = progress.iteration, self._run.own(metrics) | extra
+        self._pending = progress.iteration, metrics | extra
 
     def flush(self) -> None:
         """Report what was kept back."""
@@ -163,11 +163,12 @@ class Reporter:
             return
         (iteration, metrics), self._pending = self._pending, None
         config = self._run.config
-        values = {name: np.asarray(x) for name, x in metrics.items()}  # waits for the device
+        size = len(config.trainings)  # without what `place` repeated
+        values = {name: np.asarray(x)[:size] for name, x in metrics.items()}  # waits for the device
         self._times.append(time.perf_counter())
         steps = config.steps_per_iteration * config.iterations_per_report
         speed = steps * (len(self._times) - 1) / (self._times[-1] - self._times[0])
-        values["steps_per_second"] = np.full(len(config.trainings), speed)
+        values["steps_per_second"] = np.full(size, speed)
         known = values["recent_return"][~np.isnan(values["recent_return"])]
         self.recent_return = float(known.mean()) if known.size else float("nan")
         self.sinks.write(iteration, config.steps_after(iteration), values)

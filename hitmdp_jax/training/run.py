@@ -68,8 +68,7 @@ class Run:
         They are the program's inputs rather than part of it: another value compiles nothing anew.
         """
         size = len(self.config.trainings)
-        leaves = jax.tree.leaves_with_path(self.agent)
-        own = {path[0].name: jnp.full(size, value, jnp.float32) for path, value in leaves}
+        own = {k: jnp.full(size, x, jnp.float32) for k, x in self.agent.traced_values().items()}
         return own | jax.tree.map(jnp.asarray, self.config.swept)
 
     def begin(self, task: int, progress: Progress, init: Init) -> TrainState:

@@ -3,11 +3,12 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from hitmdp_jax.agents import Agent
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 
 PREFIX = "algo."
@@ -29,15 +30,21 @@ class Training:
         """What it is called in a sentence."""
         return f"seed {self.seed}" + (f" of {label(self.swept)}" if self.swept else "")
 
+    @property
+    def columns(self) -> dict[str, float]:
+        """What tells it apart in a table: its seed and, in a sweep, its setting's values."""
+        setting = {"setting": self.setting, **self.swept} if self.swept else {}
+        return {"seed": self.seed, **setting}
 
-def check_sweep(sweep: Any, samples: Any, fields: Mapping[str, Any]) -> None:
+
+def check_sweep(sweep: Any, samples: Any, agent: Agent) -> None:
     """Check what a run is asked to sweep.
 
     Args:
       sweep: `algo.` and a float hyperparameter -> a list of values, or a range such as
         {"log_uniform": [1e-5, 1e-3]}; or None.
       samples: how many settings are drawn at random; None takes every combination.
-      fields: the hyperparameters' defaults, by name.
+      agent: whose hyperparameters they are.
 
     Raises:
       UsageError: saying what is wrong, and what would do.
@@ -48,15 +55,16 @@ def check_sweep(sweep: Any, samples: Any, fields: Mapping[str, Any]) -> None:
         return
     if not isinstance(sweep, Mapping) or not sweep:
         raise UsageError(f"sweep = {sweep} must name what is swept, e.g. {FORM}.")
-    floats = [PREFIX + name for name, default in fields.items() if isinstance(default, float)]
+    traced = [PREFIX + name for name in agent.traced_values()]
+    every = [PREFIX + field.name for field in dataclasses.fields(agent)]
     for name, values in sweep.items():
-        if str(name).removeprefix(PREFIX) in fields and PREFIX in str(name) and name not in floats:
+        if name not in every:
+            raise unknown_name("swept hyperparameter", str(name), traced)
+        if name not in traced:
             raise UsageError(
                 f"{name} shapes the program, so one program cannot sweep it: use -m. "
-                f"sweep takes {', '.join(floats)}."
+                f"sweep takes {', '.join(traced)}."
             )
-        if name not in floats:
-            raise unknown_name("swept hyperparameter", str(name), floats)
         _check_values(str(name), values, samples)
     settings = samples or math.prod(map(len, sweep.values()))
     if settings > MOST_SETTINGS:
@@ -111,15 +119,3 @@ def _drawn(values: Any, rng: np.random.Generator) -> float:
 def label(swept: Mapping[str, float]) -> str:
     """Return a setting as text: `learning_rate=0.0003, gamma=0.99`."""
     return ", ".join(f"{name.removeprefix(PREFIX)}={value:.4g}" for name, value in swept.items())
-
-
-def sweep_columns(trainings: Sequence[Training]) -> tuple[str, ...]:
-    """Return the columns that tell a sweep's settings apart in a table; none without a sweep."""
-    swept = trainings[0].swept
-    return ("setting", *swept) if swept else ()
-
-
-def index_values(training: Training) -> tuple[float, ...]:
-    """Return a training's seed and its values of `sweep_columns`."""
-    own = (training.setting, *training.swept.values()) if training.swept else ()
-    return (training.seed, *own)

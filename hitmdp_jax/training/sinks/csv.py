@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from hitmdp_jax.training.sinks.base import Values, columns
-from hitmdp_jax.training.sweep import Training, index_values, sweep_columns
+from hitmdp_jax.training.sweep import Training
 
-INDEX = ("iteration", "env_steps", "seed")
+INDEX = ("iteration", "env_steps")  # and what tells a training apart
 LEADING = ("episode_return", "episode_length", "steps_per_second")
 
 
@@ -28,8 +28,8 @@ class CsvSink:
 
     def __init__(self, run_dir: Path, trainings: Sequence[Training], resume_after: int = 0):
         path = run_dir / "metrics.csv"
-        self._index = (*INDEX, *sweep_columns(trainings))
-        self._trainings = [index_values(training) for training in trainings]
+        self._index = (*INDEX, *trainings[0].columns)
+        self._trainings = [tuple(training.columns.values()) for training in trainings]
         kept = (
             _rows_until(path, self._index, resume_after) if resume_after and path.is_file() else []
         )
