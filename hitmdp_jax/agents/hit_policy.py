@@ -58,15 +58,15 @@ class HitNetwork(nn.Module):
 
     def action(self, obs: jax.Array, option: jax.Array) -> distrax.MultivariateNormalDiag:
         """Return P(a | s, o) over [..., A] for obs [..., O], option [...]."""
-        return self.decoder(obs, self.embeddings[option])
+        return self.decoder(obs, self.embeddings, option)
 
     def q(self, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return Q_O[s, o_t] [...] for obs [..., O], memory [...] with o_t as its newest option."""
-        return self.critic(obs, jax.nn.one_hot(memory, self.num_options**self.value_order))
+        return self.critic(obs, jnp.eye(self.num_options**self.value_order), memory)
 
     def every_action(self, obs: jax.Array) -> distrax.MultivariateNormalDiag:
         """Return P(a | s, o) of each option, over [..., K, A], for obs [..., O]."""
-        return self.decoder(obs[..., None, :], self.embeddings)
+        return self.action(obs[..., None, :], jnp.arange(self.num_options))
 
     def every_q(self, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return Q_O[s, o] of each option, [..., K], for memory [...] before the choice."""

@@ -11,8 +11,8 @@ from hitmdp_jax.networks.mlp import MLP, orthogonal
 class ActionDecoder(nn.Module):
     """The action policy P(a_t | s_t, o_t) = Normal(Dense(FFN([s, W[o]])), exp(log_std)) (Eq. 50).
 
-    Inputs broadcast as in `MLP`, so one call gives the policy of every option. Called with the
-    observation alone it is an ordinary Gaussian policy.
+    States and options broadcast as in `MLP`, so one call gives the policy of every option. Called
+    with the observation alone it is an ordinary Gaussian policy.
 
     Attributes:
       action_size: A.
@@ -29,9 +29,9 @@ class ActionDecoder(nn.Module):
     head_gain: float = 0.01
 
     @nn.compact
-    def __call__(self, *inputs: jax.Array) -> distrax.MultivariateNormalDiag:
-        """Map inputs [..., I_i] to an unbounded distribution over actions [..., A]."""
-        features = MLP(self.sizes, self.activation, name="body")(*inputs)
+    def __call__(self, obs: jax.Array, *option: jax.Array) -> distrax.MultivariateNormalDiag:
+        """Map `MLP`'s arguments to an unbounded distribution over actions [..., A]."""
+        features = MLP(self.sizes, self.activation, name="body")(obs, *option)
         mean = nn.Dense(self.action_size, kernel_init=orthogonal(self.head_gain), name="mean")
         log_std = self.param(
             "log_std", nn.initializers.constant(self.initial_log_std), (self.action_size,)
@@ -52,7 +52,7 @@ class Critic(nn.Module):
     activation: str = "relu"
 
     @nn.compact
-    def __call__(self, *inputs: jax.Array) -> jax.Array:
-        """Map inputs [..., I_i], which broadcast as in `MLP`, to values [...]."""
-        features = MLP(self.sizes, self.activation, name="body")(*inputs)
+    def __call__(self, obs: jax.Array, *option: jax.Array) -> jax.Array:
+        """Map `MLP`'s arguments to values [...]."""
+        features = MLP(self.sizes, self.activation, name="body")(obs, *option)
         return nn.Dense(1, kernel_init=orthogonal(1.0), name="value")(features).squeeze(-1)

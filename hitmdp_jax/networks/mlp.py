@@ -24,11 +24,11 @@ def orthogonal(gain: float) -> nn.initializers.Initializer:
 
 
 class MLP(nn.Module):
-    """Dense layers, each followed by the activation.
+    """Dense layers, each followed by the activation, of a state and the vector of an option.
 
-    Inputs are concatenated in effect but not in memory: the first layer is linear, so each input
-    has its own kernel and inputs broadcast against one another. A body given states [B, 1, S] and
-    option vectors [K, E] evaluates all K options and computes the states' part once.
+    The two are concatenated in effect but not in memory: the first layer is linear, so each has its
+    own kernel. The options' part is computed once an option, not once a sample, and states and
+    options broadcast: states [B, 1, S] with options [K] evaluate all K options in each state.
 
     Attributes:
       sizes: width of each layer.
@@ -41,15 +41,31 @@ class MLP(nn.Module):
     gain: float = HIDDEN_GAIN
 
     @nn.compact
-    def __call__(self, *inputs: jax.Array) -> jax.Array:
-        """Map inputs [..., I_i] to features [..., sizes[-1]]."""
+    def __call__(
+        self, obs: jax.Array, vectors: jax.Array | None = None, option: jax.Array | None = None
+    ) -> jax.Array:
+        """Map states to features.
+
+        Args:
+          obs: [..., S].
+          vectors: [K, E], one an option; None for a body of states alone.
+          option: [...] int, which of them each state goes with.
+
+        Returns:
+          [..., sizes[-1]].
+        """
         act = ACTIVATIONS[self.activation]
         init = orthogonal(self.gain)
-        hidden = nn.Dense(self.sizes[0], kernel_init=init, name="input_0")(inputs[0])
-        for i, extra in enumerate(inputs[1:], start=1):
-            part = nn.Dense(self.sizes[0], use_bias=False, kernel_init=init, name=f"input_{i}")
-            hidden = hidden + part(extra)
+        hidden = nn.Dense(self.sizes[0], kernel_init=init, name="input_0")(obs)
+        if vectors is not None:
+            part = nn.Dense(self.sizes[0], use_bias=False, kernel_init=init, name="input_1")
+            hidden = hidden + select(part(vectors), option)
         x = act(hidden)
         for i, size in enumerate(self.sizes[1:], start=1):
             x = act(nn.Dense(size, kernel_init=init, name=f"hidden_{i}")(x))
         return x
+
+
+def select(rows: jax.Array, index: jax.Array) -> jax.Array:
+    """Return rows [K, E] by index [...]: [..., E]. A product, whose gradient is no scatter."""
+    return jax.nn.one_hot(index, len(rows), dtype=rows.dtype) @ rows

@@ -4,7 +4,7 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
-from hitmdp_jax.networks.mlp import MLP, orthogonal
+from hitmdp_jax.networks.mlp import MLP, orthogonal, select
 
 MASTER_POLICIES = ("similarity", "printed")
 
@@ -47,22 +47,49 @@ class OptionEncoder(nn.Module):
         """
         num_options, width = embeddings.shape
         by_similarity = self.master_policy == "similarity"
-        previous_embedding = embeddings[previous]
         # Under similarity a query starts as W[o_{t-1}] itself and learns how a state moves it: with
         # gain 1 options last 2 steps after 1M steps of HalfCheetah, with 0.01 they last 15.
         query_gain = self.head_gain if by_similarity else 1.0
         query = nn.Dense(width, kernel_init=orthogonal(query_gain), name="query")(
-            MLP(self.sizes, self.activation, name="query_body")(obs, previous_embedding)
+            MLP(self.sizes, self.activation, name="query_body")(obs, embeddings, previous)
         )
         if by_similarity:
-            query = query + previous_embedding
-        # The batch is the attention's sequence of queries: keys and values, which depend on the
-        # embeddings alone, are projected once instead of once a sample.
-        attention = nn.MultiHeadDotProductAttention(num_heads=1, name="attention")
-        attended = attention(query.reshape(-1, width), embeddings).reshape(query.shape)
+            query = query + select(embeddings, previous)
+        attended = Attention(width, name="attention")(query, embeddings)
         clustered = nn.LayerNorm(name="norm")(query + attended)
         head = nn.Dense(num_options, kernel_init=orthogonal(self.head_gain), name="logits")
         logits = head(MLP(self.sizes, self.activation, name="logits_body")(clustered))
         if by_similarity:
             logits = logits + similarity * query @ embeddings.T / jnp.sqrt(width)
         return logits
+
+
+class Attention(nn.Module):
+    """Attention of one head (Eq. 46-47) from many queries to few keys, which are the values, too.
+
+    Equals `flax.linen.MultiHeadDotProductAttention`. There the projections of queries and results
+    are products of the size of the batch; q' k = q (Wq k) and sum_k w_k v_k Wo = sum_k w_k (v_k Wo)
+    leave products of the size of K, which takes a tenth off an update.
+
+    Attributes:
+      width: E.
+    """
+
+    width: int
+
+    @nn.compact
+    def __call__(self, query: jax.Array, rows: jax.Array) -> jax.Array:
+        """Map queries [..., E] and rows [K, E] to [..., E]."""
+
+        def projection(name: str) -> tuple[jax.Array, jax.Array]:
+            kernel = nn.initializers.lecun_normal()
+            return (
+                self.param(f"{name}_kernel", kernel, (self.width, self.width)),
+                self.param(f"{name}_bias", nn.initializers.zeros, (self.width,)),
+            )
+
+        (w_query, b_query), (w_key, b_key) = projection("query"), projection("key")
+        (w_value, b_value), (w_out, b_out) = projection("value"), projection("out")
+        keys, values = rows @ w_key + b_key, rows @ w_value + b_value
+        scores = query @ (w_query @ keys.T) + b_query @ keys.T
+        return nn.softmax(scores / jnp.sqrt(self.width)) @ (values @ w_out) + b_out

@@ -17,11 +17,14 @@ THREADS_PER_CORE = 4
 def set_up_host(physics: str, num_envs: int, trainings: int = 1) -> None:
     """Present the cores as devices, keep what is compiled, and make sure that nothing hangs.
 
+    `NPROC` is how many cores XLA believes in, which is how many threads each program spreads its
+    operations over. Those of a training are so small that handing them over takes longer than doing
+    them: a device has one thread, and one training one device, which makes it a fifth to a third
+    faster than on all cores.
+
     In jaxlib 0.10 a large batch of Cholesky factorisations, of which MJX's solver consists, blocks
-    a thread of XLA's pool until other threads have done its work. There are as many threads as
-    cores, so as many of these at once wait for one another for ever. `NPROC` is how many cores XLA
-    believes in. More threads cost a fifth to a third of the speed, so only runs that need them get
-    them.
+    a thread of XLA's pool until other threads have done its work, and as many of these at once as
+    there are threads wait for one another for ever. Runs with batches so large get more threads.
 
     Args:
       physics: the engine, which knows how many rows are safe (`Engine.safe_rows`).
@@ -29,10 +32,11 @@ def set_up_host(physics: str, num_envs: int, trainings: int = 1) -> None:
       trainings: trainings, spread over the cores.
     """
     cores = available_cores()
-    jax.config.update("jax_num_cpu_devices", cores)
+    devices = num_shards(trainings, cores)
+    jax.config.update("jax_num_cpu_devices", devices)
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         jax.config.update("jax_compilation_cache_dir", str(CACHE))
-    rows = max(num_envs, RESET_CHUNK) * -(-trainings // num_shards(trainings, cores))
+    rows = max(num_envs, RESET_CHUNK) * -(-trainings // devices)
     safe = find_engine(physics).safe_rows
-    if safe is not None and rows > safe:
-        os.environ.setdefault("NPROC", str(THREADS_PER_CORE * cores))
+    unsafe = safe is not None and rows > safe
+    os.environ.setdefault("NPROC", str(THREADS_PER_CORE * cores if unsafe else devices))

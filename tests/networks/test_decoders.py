@@ -13,12 +13,13 @@ def random():
 
 
 def test_action_density_equals_scipy(key, random):
-    obs, option, action = (random.normal(size=(5, n)).astype(np.float32) for n in (3, 4, 2))
+    obs, vectors, action = (random.normal(size=(5, n)).astype(np.float32) for n in (3, 4, 2))
+    option = np.arange(5)
     decoder = ActionDecoder(action_size=2, initial_log_std=-0.3)
 
     @jax.jit
     def evaluate(key):
-        policy = decoder.apply(decoder.init(key, obs, option), obs, option)
+        policy = decoder.apply(decoder.init(key, obs, vectors, option), obs, vectors, option)
         return policy.mode(), policy.log_prob(action), policy.entropy()
 
     mode, log_prob, entropy = evaluate(key)
@@ -39,9 +40,9 @@ def test_critic_of_every_option_equals_one_at_a_time(key, random):
 
     @jax.jit
     def evaluate(key):
-        params = critic.init(key, obs, jnp.zeros((5, 4)))
-        alone = [critic.apply(params, obs, jnp.tile(jnp.eye(4)[k], (5, 1))) for k in range(4)]
-        return critic.apply(params, obs[:, None], jnp.eye(4)), alone
+        params = critic.init(key, obs, jnp.eye(4), jnp.zeros(5, int))
+        alone = [critic.apply(params, obs, jnp.eye(4), jnp.full(5, k)) for k in range(4)]
+        return critic.apply(params, obs[:, None], jnp.eye(4), jnp.arange(4)), alone
 
     every, alone = evaluate(key)
     assert every.shape == (5, 4)

@@ -38,7 +38,7 @@ def encode(form, variables, case, similarity):
 
 @functools.partial(jax.jit, static_argnums=1)
 def query_of(params, form, obs, previous, embeddings):
-    body = MLP((16, 16)).apply({"params": params["query_body"]}, obs, embeddings[previous])
+    body = MLP((16, 16)).apply({"params": params["query_body"]}, obs, embeddings, previous)
     query = body @ params["query"]["kernel"] + params["query"]["bias"]
     return query + (embeddings[previous] if form == "similarity" else 0.0)
 
@@ -54,13 +54,22 @@ def attention_by_hand(params, query, embeddings):
     """Eq. 46-47 in NumPy, with one head."""
 
     def project(name, x):
-        return x @ np.asarray(params[name]["kernel"])[:, 0] + np.asarray(params[name]["bias"])[0]
+        return x @ np.asarray(params[f"{name}_kernel"]) + np.asarray(params[f"{name}_bias"])
 
     q, k, v = project("query", query), project("key", embeddings), project("value", embeddings)
-    weights = softmax(q @ k.T / np.sqrt(E), axis=-1)
-    return (weights @ v) @ np.asarray(params["out"]["kernel"])[0] + np.asarray(
-        params["out"]["bias"]
-    )
+    return project("out", softmax(q @ k.T / np.sqrt(E), axis=-1) @ v)
+
+
+def of_one_head(params):
+    """Return the parameters as Flax lays them out, with an axis for the head."""
+    axes = {"out_kernel": 0, "out_bias": ()} | {
+        f"{name}_bias": 0 for name in ("query", "key", "value")
+    }
+    laid_out: dict = {"query": {}, "key": {}, "value": {}, "out": {}}
+    for name, x in params.items():
+        part, kind = name.split("_")
+        laid_out[part][kind] = jnp.expand_dims(x, axes.get(name, 1))
+    return laid_out
 
 
 @functools.partial(jax.jit, static_argnums=1)
@@ -69,7 +78,9 @@ def logits_by_flax(params, form, obs, previous, embeddings):
     query = query_of(params, form, obs, previous, embeddings)
     copies = jnp.broadcast_to(embeddings, (B, K, E))
     flax_attention = nn.MultiHeadDotProductAttention(num_heads=1)
-    attended = flax_attention.apply({"params": params["attention"]}, query[:, None], copies)[:, 0]
+    attended = flax_attention.apply(
+        {"params": of_one_head(params["attention"])}, query[:, None], copies
+    )[:, 0]
     expected = logits_of(params, query, attended)
     if form == "similarity":
         expected += 0.75 * query @ embeddings.T / jnp.sqrt(E)

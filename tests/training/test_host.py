@@ -13,7 +13,7 @@ FACTORISATIONS = """
 import jax, jax.numpy as jnp
 from hitmdp_jax.training.host import set_up_host
 
-set_up_host("mjx", 4096)
+set_up_host("mjx", 4096, trainings=64)
 
 def step(x, _):
     factors = [jnp.linalg.cholesky(i * x + 9 * jnp.eye(9)) for i in range(1, 3)]
@@ -37,6 +37,17 @@ def run(command):
 def test_large_batches_of_factorisations_do_not_hang():
     out = run([sys.executable, "-c", FACTORISATIONS])
     assert int(out.stdout) == available_cores()
+
+
+@pytest.mark.parametrize("trainings", [1, 2])
+def test_no_more_devices_and_threads_than_trainings(trainings):
+    code = (
+        "import jax, os; from hitmdp_jax.training.host import set_up_host;"
+        f"set_up_host('native', 16, {trainings}); "
+        "print(len(jax.local_devices()), os.environ['NPROC'])"
+    )
+    expected = min(trainings, available_cores())
+    assert run([sys.executable, "-c", code]).stdout.split() == [str(expected)] * 2
 
 
 @pytest.mark.slow
