@@ -141,14 +141,14 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
 
 def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
     """Train, draw what was learned and say how it ended."""
-    from hitmdp_jax.analysis import tables
-    from hitmdp_jax.analysis.figures import draw_figures
-    from hitmdp_jax.analysis.sweeps import draw_sweep
-    from hitmdp_jax.commands.evaluate import Evaluation
     from hitmdp_jax.training import loop
 
     set_up_host(config.physics, config.num_envs, len(config.trainings))
-    hooks = [Evaluation(config, run_dir)] if config.eval_every else []
+    hooks = []
+    if config.eval_every:
+        from hitmdp_jax.commands.evaluate import Evaluation
+
+        hooks.append(Evaluation(config, run_dir))
     try:
         outcome = loop.run(config, run_dir, resume=resume, hooks=hooks)
     except InterruptedRunError as stop:
@@ -158,6 +158,11 @@ def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
     print(f"{where if outcome.signum else 'Saved'} in {run_dir}.")
     if outcome.failure:
         raise UsageError(f"The last state is not saved: {outcome.failure}")
+    # Matplotlib and SciPy take seconds to import, in which the training could run already.
+    from hitmdp_jax.analysis import tables
+    from hitmdp_jax.analysis.figures import draw_figures
+    from hitmdp_jax.analysis.sweeps import draw_sweep
+
     try:
         if config.sweep:
             tables.show(draw_sweep(run_dir, config)[: 1 + SHOWN])
