@@ -19,7 +19,7 @@ import yaml
 import hitmdp_jax
 from hitmdp_jax.agents import AHP, DAC, IOPG, MOPG, OC, PPO, PPOC
 from hitmdp_jax.analysis.evaluation import score
-from hitmdp_jax.commands import evaluate, reproduce, train
+from hitmdp_jax.commands import arms, evaluate, reproduce, train
 from hitmdp_jax.envs.toy.turkey import Turkey
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training import loop
@@ -609,7 +609,7 @@ def unchanged(workspace, monkeypatch):
 
     monkeypatch.chdir(workspace)
     monkeypatch.setattr(loop, "prepare", trained)
-    monkeypatch.setattr(reproduce, "train", trained)
+    monkeypatch.setattr(arms, "train", trained)
     monkeypatch.setattr(reproduce.theorems, "sample_models", trained)
     for command in (train, evaluate):
         monkeypatch.setattr(command, "set_up_host", lambda *args: None)

@@ -15,6 +15,7 @@ from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.optimization import Loss, adam, minibatch_epochs
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.surrogate import clipped_surrogate
+from hitmdp_jax.learning.value_scale import rescale
 from hitmdp_jax.networks.mlp import ACTIVATIONS
 
 
@@ -86,10 +87,16 @@ class ClippedAgent(GradientAgent):
     def update(
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:
-        """Evaluate the rollout, then run `num_epochs` of minibatches on the loss."""
+        """Evaluate the rollout, then learn from it."""
         data, metrics = self.targets(state.params, batch)
-        state, diagnostics = self.optimize(self.loss, state, data, key)
+        state, diagnostics = self.learn(state, data, key)
         return state, metrics | diagnostics
+
+    def learn(
+        self, state: LearnerState, data: dict[str, Any], key: jax.Array
+    ) -> tuple[LearnerState, Metrics]:
+        """Run `num_epochs` of minibatches on the loss."""
+        return self.optimize(self.loss, state, data, key)
 
     def advantages(
         self, batch: Batch, reward: jax.Array, value: jax.Array, next_value: jax.Array
@@ -127,3 +134,25 @@ class ClippedAgent(GradientAgent):
             minibatch_size=self.minibatch_size,
         )
         return state.replace(params=params, opt_state=opt_state), diagnostics
+
+
+class ScaledAgent(ClippedAgent):
+    """A clipped agent with a `networks.Critic` in the units of its targets, `value_target`."""
+
+    normalize_values: bool = static(True)
+
+    def learn(
+        self, state: LearnerState, data: dict[str, Any], key: jax.Array
+    ) -> tuple[LearnerState, Metrics]:
+        """Rescale the critic, then run `num_epochs` of minibatches on the loss."""
+        if self.normalize_values:
+            critic = rescale(state.params["critic"], data["value_target"])
+            state = state.replace(params=state.params | {"critic": critic})
+        return super().learn(state, data, key)
+
+    def value_loss(
+        self, params: Any, value: jax.Array, data: dict[str, Any]
+    ) -> tuple[jax.Array, Metrics]:
+        """Return half the squared error of values [N], in the critic's units, and as a metric."""
+        loss = 0.5 * jnp.square(value - data["value_target"]).mean()
+        return loss / jnp.square(params["critic"]["scale"]), {"value_loss": loss}

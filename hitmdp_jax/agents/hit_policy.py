@@ -12,6 +12,13 @@ from hitmdp_jax.agents.gradient_agent import GradientAgent
 from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEncoder
 
 INITIAL_OPTIONS = ("uniform", "first")
+EMBEDDINGS = ("equal", "normal")
+
+
+def equal_norm(key: jax.Array, shape: tuple[int, int]) -> jax.Array:
+    """Return rows [K, E] of norm sqrt(E) in random directions: every option as likely to last."""
+    rows = jax.random.normal(key, shape)
+    return rows / jnp.sqrt(jnp.square(rows).mean(axis=-1, keepdims=True))
 
 
 def remember(memory: jax.Array, option: jax.Array, num_options: int, order: int) -> jax.Array:
@@ -34,13 +41,21 @@ class HitNetwork(nn.Module):
     similarity: jax.Array | float
     initial_log_std: jax.Array | float
     value_order: int
+    form: str
 
     def setup(self):
         """Declare the parts."""
-        self.embeddings = self.param(
-            "embeddings", nn.initializers.normal(1.0), (self.num_options, self.embedding_size)
+        init = equal_norm if self.form == "equal" else nn.initializers.normal(1.0)
+        shape = self.num_options, self.embedding_size
+        self.embeddings = self.param("embeddings", init, shape)
+        # An input of norm sqrt(E) would outweigh the state.
+        self.input_scale = self.embedding_size**-0.5 if self.form == "equal" else 1.0
+        self.encoder = OptionEncoder(
+            self.master_policy,
+            self.hidden_sizes,
+            self.activation,
+            input_scale=self.input_scale,
         )
-        self.encoder = OptionEncoder(self.master_policy, self.hidden_sizes, self.activation)
         self.decoder = ActionDecoder(
             self.action_size, self.hidden_sizes, self.activation, self.initial_log_std
         )
@@ -58,7 +73,7 @@ class HitNetwork(nn.Module):
 
     def action(self, obs: jax.Array, option: jax.Array) -> distrax.MultivariateNormalDiag:
         """Return P(a | s, o) over [..., A] for obs [..., O], option [...]."""
-        return self.decoder(obs, self.embeddings, option)
+        return self.decoder(obs, self.input_scale * self.embeddings, option)
 
     def q(self, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return Q_O[s, o_t] [...] for obs [..., O], memory [...] with o_t as its newest option."""
@@ -83,6 +98,9 @@ class HitPolicy(GradientAgent):
     `value_order` n > 1 the memory holds the last n options (`remember`), and the values depend on
     all of them: the deep wide value functions of App. A. The policies see o_{t-1} alone. The record
     is o_t.
+
+    The options' embeddings are "equal" in norm at the start, sqrt(E), so that each is as likely to
+    last, and bodies read them divided by it; "normal" is the printed form, W ~ N(0, 1) as it is.
     """
 
     similarity: float = traced(0.75)  # c, the weight of the similarity logits
@@ -92,6 +110,7 @@ class HitPolicy(GradientAgent):
     master_policy: str = static("similarity", MASTER_POLICIES)
     initial_option: str = static("uniform", INITIAL_OPTIONS)
     value_order: int = static(1)
+    embeddings: str = static("equal", EMBEDDINGS)
 
     def network(self, action_size: int) -> HitNetwork:
         """Return the network for actions of this size."""
@@ -105,6 +124,7 @@ class HitPolicy(GradientAgent):
             self.similarity,
             self.initial_log_std,
             self.value_order,
+            self.embeddings,
         )
 
     def _apply(self, params: Any, method: str, *args: jax.Array) -> Any:

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import static, traced
-from hitmdp_jax.agents.gradient_agent import ClippedAgent
+from hitmdp_jax.agents.gradient_agent import ScaledAgent
 from hitmdp_jax.agents.hit_policy import HitPolicy
 from hitmdp_jax.learning import mutual_information as mi
 from hitmdp_jax.learning.advantages import standardize
@@ -22,7 +22,7 @@ from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.schedules import SCHEDULES, anneal
 
 
-class MOPG(HitPolicy, ClippedAgent):
+class MOPG(HitPolicy, ScaledAgent):
     """Learns K options and the master policy that chooses among them at every step.
 
     Maximises the ELBO (Thm 4.1) by PPO's clipped surrogate for both policies. The option stream is
@@ -31,6 +31,7 @@ class MOPG(HitPolicy, ClippedAgent):
     printed Alg. 1 puts the reward-like terms inside gamma(...), see docs/errata.md.
     """
 
+    switching_cost: float = traced(0.0)
     entropy_weight: float = traced(0.0)  # a_H, at the start of a run where it is annealed
     final_entropy_weight: float = traced(0.0)  # a_H at the end of an annealed run
     information_weight: float = traced(0.0)  # a_I
@@ -77,7 +78,7 @@ class MOPG(HitPolicy, ClippedAgent):
             "log_prob_action": policy.log_prob(batch.action),
             "advantage_option": standardize(advantage_option),
             "advantage_action": standardize(advantage_action),
-            "q_target": advantage_action + q,
+            "value_target": advantage_action + q,
         }
         metrics = {
             "option_entropy": option_entropy.mean(),
@@ -100,9 +101,10 @@ class MOPG(HitPolicy, ClippedAgent):
             "action", log_prob_action, data["log_prob_action"], data["advantage_action"]
         )
         q = self.q(params, obs, data["memory"])
-        value_loss = 0.5 * jnp.square(q - data["q_target"]).mean()
-        loss = value_loss - surrogate_option - surrogate_action
-        return loss, of_options | of_actions | {"value_loss": value_loss}
+        value_loss, of_values = self.value_loss(params, q, data)
+        leaving = 1.0 - jnp.exp(at_option(log_option, data["previous"])).mean()
+        loss = value_loss - surrogate_option - surrogate_action + self.switching_cost * leaving
+        return loss, of_options | of_actions | of_values
 
     def information(self, params: Any, batch: Batch, log_option: jax.Array) -> jax.Array:
         """Return the intrinsic reward I_t [T, B], given log P(o | s, o_{t-1}) [T, B, K]."""

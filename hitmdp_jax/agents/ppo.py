@@ -5,10 +5,9 @@ from typing import Any
 import distrax
 import flax.linen as nn
 import jax
-import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import traced
-from hitmdp_jax.agents.gradient_agent import ClippedAgent
+from hitmdp_jax.agents.gradient_agent import ScaledAgent
 from hitmdp_jax.learning.advantages import standardize
 from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.rollout import Batch
@@ -35,7 +34,7 @@ class PPONetwork(nn.Module):
         return self.decoder(obs), self.critic(obs)
 
 
-class PPO(ClippedAgent):
+class PPO(ScaledAgent):
     """Learns one Gaussian policy by the clipped surrogate. It has no memory.
 
     Sizes and hyperparameters equal MOPG's, so that the two differ in the options alone.
@@ -87,5 +86,5 @@ class PPO(ClippedAgent):
         surrogate, metrics = self.surrogate(
             "action", policy.log_prob(data["action"]), data["log_prob"], data["advantage"]
         )
-        value_loss = 0.5 * jnp.square(value - data["value_target"]).mean()
-        return value_loss - surrogate, metrics | {"value_loss": value_loss}
+        value_loss, of_values = self.value_loss(params, value, data)
+        return value_loss - surrogate, metrics | of_values

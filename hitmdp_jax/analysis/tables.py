@@ -23,6 +23,11 @@ def save(rows: Rows, folder: Path, name: str) -> None:
     """Write a table as `name.csv` and `name.md`."""
     with (folder / f"{name}.csv").open("w", newline="") as file:
         csv.writer(file).writerows(rows)
+    (folder / f"{name}.md").write_text(markdown(rows))
+
+
+def markdown(rows: Rows) -> str:
+    """Return a table as Markdown."""
     lines = [" | ".join(row) for row in rows]
     lines.insert(1, " | ".join("---" for _ in rows[0]))
-    (folder / f"{name}.md").write_text("".join(f"| {line} |\n" for line in lines))
+    return "".join(f"| {line} |\n" for line in lines)

@@ -10,8 +10,6 @@ Targets:
            `run_dir=`).
 """
 
-import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -21,11 +19,11 @@ import jax
 from hitmdp_jax.agents import AGENTS, find_agent
 from hitmdp_jax.analysis import tables, theorems
 from hitmdp_jax.analysis.comparison import compare, comparison_figure, table
+from hitmdp_jax.commands.arms import named, train_arms, without_folder
 from hitmdp_jax.commands.settings import Settings, folder_setting, guarded
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.folder import already_there, is_finished, made
-from hitmdp_jax.training.interrupt import SIGNALS
+from hitmdp_jax.training.folder import made
 from hitmdp_jax.training.policy import load
 
 
@@ -51,28 +49,17 @@ def run_comparison(arguments: list[str]) -> int:
       UsageError: a setting is wrong, a folder holds another run, or a run failed.
     """
     algos, rest = _algorithms(arguments)
-    name = _named(rest).get("pair", _named(rest).get("env", "halfcheetah"))
+    name = named(rest).get("pair", named(rest).get("env", "halfcheetah"))
     values = Settings(rest).values()
     folder = folder_setting(values) or Path(
         f"runs/compare/{name.replace('/', '-')}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
     )
-    rest = [text for text in rest if not text.startswith("run_dir=")]
+    arms = {algo: [f"algo={algo}", *without_folder(rest)] for algo in algos}
+    again = f"The same command with run_dir={folder} goes on from there."
+    if code := train_arms(arms, folder, again):
+        return code
     run_dirs = {algo: folder / algo for algo in algos}
-    configs = {algo: Settings([f"algo={algo}", *rest]).config() for algo in algos}
-    known = {algo: already_there(run_dirs[algo], configs[algo]) for algo in algos}
-    made(folder)
-    for algo, run_dir in run_dirs.items():
-        if known[algo] and is_finished(run_dir, configs[algo]):
-            print(f"{algo}: taken from {run_dir}", flush=True)
-            continue
-        settings = [f"resume={run_dir}"] if known[algo] else [f"algo={algo}", *rest]
-        code = train(settings if known[algo] else [*settings, f"run_dir={run_dir}"])
-        if code > 128:
-            print(f"Stopped in {algo}. The same command with run_dir={folder} goes on from there.")
-            return code
-        if code not in (0, 3):  # 3: a seed diverged, and said so
-            raise UsageError(f"The run of {algo} failed; the comparison stopped there.")
-    config = configs[algos[0]]
+    config = RunConfig.load(run_dirs[algos[0]])
     parameters = {algo: count_parameters(run_dir) for algo, run_dir in run_dirs.items()}
     results = compare(run_dirs, parameters, since=config.switch_at or 0)
     rows = table(results)
@@ -84,10 +71,6 @@ def run_comparison(arguments: list[str]) -> int:
     return 0
 
 
-def _named(arguments: list[str]) -> dict[str, str]:
-    return dict(text.split("=", 1) for text in arguments if "=" in text)
-
-
 def _algorithms(arguments: list[str]) -> tuple[list[str], list[str]]:
     """Return the algorithms of `algos=`, and the other arguments."""
     rest = [text for text in arguments if not text.startswith("algos=")]
@@ -95,32 +78,15 @@ def _algorithms(arguments: list[str]) -> tuple[list[str], list[str]]:
         "algo": "algos= names", "resume": "run_dir= of it goes on with", "sweep": "algos= names"
     }  # fmt: skip
     for name, instead in instead_of.items():
-        if name in _named(rest):
+        if name in named(rest):
             raise UsageError(f"compare takes no {name}=: {instead} what is compared.")
-    named = _named(arguments).get("algos", "all")
-    algos = sorted(AGENTS) if named == "all" else named.split(",")
+    listed = named(arguments).get("algos", "all")
+    algos = sorted(AGENTS) if listed == "all" else listed.split(",")
     for algo in algos:
         find_agent(algo)
         if algos.count(algo) > 1:
-            raise UsageError(f"algos = {named} names {algo} more than once.")
+            raise UsageError(f"algos = {listed} names {algo} more than once.")
     return algos, rest
-
-
-def train(settings: list[str]) -> int:
-    """Run a training in a process of its own and wait for it; return its exit code.
-
-    A signal is handed on: the training saves what it has, and then both end.
-    """
-    command = [sys.executable, "-m", "hitmdp_jax.train", *settings]
-    # A session of its own: a terminal's Ctrl-C would reach it twice, and twice means at once.
-    process = subprocess.Popen(command, start_new_session=True)
-    previous = {s: signal.signal(s, lambda signum, _: process.send_signal(signum)) for s in SIGNALS}
-    try:
-        code = process.wait()
-    finally:
-        for signum, handler in previous.items():
-            signal.signal(signum, handler)
-    return 128 - code if code < 0 else code
 
 
 def draw_theorems(arguments: list[str]) -> int:
@@ -133,7 +99,7 @@ def draw_theorems(arguments: list[str]) -> int:
     for text in arguments:
         if "=" not in text:
             raise UsageError(f"'{text}' is not of the form name=value, e.g. seed=1.")
-    settings = _named(arguments)
+    settings = named(arguments)
     for name in settings:
         if name not in defaults:
             raise unknown_name("setting", name, defaults)

@@ -43,6 +43,9 @@ class ActionDecoder(nn.Module):
 class Critic(nn.Module):
     """A value: V[s] from the observation, or Q_O[s, o] from [s, o-bar] (App. G.1).
 
+    The last layer's output is scaled and shifted by two numbers that no gradient changes
+    (`learning.value_scale`).
+
     Attributes:
       sizes: widths of the FFN.
       activation: "relu" or "tanh".
@@ -55,4 +58,7 @@ class Critic(nn.Module):
     def __call__(self, obs: jax.Array, *option: jax.Array) -> jax.Array:
         """Map `MLP`'s arguments to values [...]."""
         features = MLP(self.sizes, self.activation, name="body")(obs, *option)
-        return nn.Dense(1, kernel_init=orthogonal(1.0), name="value")(features).squeeze(-1)
+        value = nn.Dense(1, kernel_init=orthogonal(1.0), name="value")(features).squeeze(-1)
+        shift = self.param("shift", nn.initializers.zeros, ())
+        scale = self.param("scale", nn.initializers.ones, ())
+        return jax.lax.stop_gradient(shift) + jax.lax.stop_gradient(scale) * value

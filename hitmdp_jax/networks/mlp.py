@@ -41,15 +41,13 @@ class MLP(nn.Module):
     gain: float = HIDDEN_GAIN
 
     @nn.compact
-    def __call__(
-        self, obs: jax.Array, vectors: jax.Array | None = None, option: jax.Array | None = None
-    ) -> jax.Array:
+    def __call__(self, obs: jax.Array, *option: jax.Array) -> jax.Array:
         """Map states to features.
 
         Args:
           obs: [..., S].
-          vectors: [K, E], one an option; None for a body of states alone.
-          option: [...] int, which of them each state goes with.
+          *option: the vectors [K, E] of all options and which of them [...] each state goes with;
+            nothing for a body of states alone.
 
         Returns:
           [..., sizes[-1]].
@@ -57,9 +55,10 @@ class MLP(nn.Module):
         act = ACTIVATIONS[self.activation]
         init = orthogonal(self.gain)
         hidden = nn.Dense(self.sizes[0], kernel_init=init, name="input_0")(obs)
-        if vectors is not None:
+        if option:
+            vectors, index = option
             part = nn.Dense(self.sizes[0], use_bias=False, kernel_init=init, name="input_1")
-            hidden = hidden + select(part(vectors), option)
+            hidden = hidden + select(part(vectors), index)
         x = act(hidden)
         for i, size in enumerate(self.sizes[1:], start=1):
             x = act(nn.Dense(size, kernel_init=init, name=f"hidden_{i}")(x))

@@ -23,12 +23,14 @@ class OptionEncoder(nn.Module):
       sizes: widths of each FFN.
       activation: "relu" or "tanh".
       head_gain: gain of the logits' layer; small makes the first policy nearly uniform.
+      input_scale: what the query's body reads W multiplied by.
     """
 
     master_policy: str = "similarity"
     sizes: tuple[int, ...] = (64, 64)
     activation: str = "relu"
     head_gain: float = 0.01
+    input_scale: float = 1.0
 
     @nn.compact
     def __call__(
@@ -51,7 +53,9 @@ class OptionEncoder(nn.Module):
         # gain 1 options last 2 steps after 1M steps of HalfCheetah, with 0.01 they last 15.
         query_gain = self.head_gain if by_similarity else 1.0
         query = nn.Dense(width, kernel_init=orthogonal(query_gain), name="query")(
-            MLP(self.sizes, self.activation, name="query_body")(obs, embeddings, previous)
+            MLP(self.sizes, self.activation, name="query_body")(
+                obs, self.input_scale * embeddings, previous
+            )
         )
         if by_similarity:
             query = query + select(embeddings, previous)

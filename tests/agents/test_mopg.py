@@ -30,7 +30,8 @@ def batch():
 
 def master(agent, params, obs, previous):
     """P(o | s, o_{t-1}) of one state, straight from the encoder."""
-    encoder = OptionEncoder(agent.master_policy, agent.hidden_sizes)
+    scale = agent.embedding_size**-0.5
+    encoder = OptionEncoder(agent.master_policy, agent.hidden_sizes, input_scale=scale)
     return master_of(encoder, params, obs, previous, agent.similarity)
 
 
@@ -103,7 +104,7 @@ def test_both_advantages_equal_their_definitions(form, params, batch):
         standardized = (expected - expected.mean()) / expected.std()
         np.testing.assert_allclose(data[name], standardized, rtol=1e-3, atol=1e-3)
         if name == "advantage_action":
-            np.testing.assert_allclose(data["q_target"], expected + q, rtol=1e-3, atol=1e-3)
+            np.testing.assert_allclose(data["value_target"], expected + q, rtol=1e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize("choice", ["action", "usage", "previous"])
@@ -135,11 +136,12 @@ def test_loss_at_the_old_policy_is_by_hand(agent, params, batch):
     data |= {
         "advantage_option": np.full((T, B), 2.0),
         "advantage_action": np.full((T, B), 3.0),
-        "q_target": q - 2.0,
+        "value_target": q - 2.0,
     }
     loss, diagnostics = agent.loss(params, data)
-    # Both ratios are 1: half of 2^2, less 2, less 3.
-    np.testing.assert_allclose(loss, 2.0 - 2.0 - 3.0, rtol=1e-4)
+    # Both ratios are 1: half of 2^2, in the critic's units, less 2, less 3.
+    units = params["critic"]["scale"] ** 2
+    np.testing.assert_allclose(loss, 2.0 / units - 2.0 - 3.0, rtol=1e-4)
     np.testing.assert_allclose(diagnostics["option_kl"], 0.0, atol=1e-6)
 
 
@@ -147,7 +149,7 @@ def test_gradient_at_the_old_policy_is_the_policy_gradient(agent, params, batch)
     """sum of A grad log pi over both policies (Thm 4.2, 4.3), by autodiff of the plain formula."""
     data, _ = agent.targets(params, batch)
     q = agent.q(params, data["obs"], data["option"])
-    data["q_target"] = q  # leaves no critic gradient
+    data["value_target"] = q  # leaves no critic gradient
 
     def plain(params):
         log_master = agent.option_log_probs(params, data["obs"], data["previous"])
@@ -181,3 +183,12 @@ def test_the_entropy_weight_is_annealed():
     assert float(agent.scheduled(0.5).entropy_weight) == pytest.approx(0.15)
     constant = MOPG(entropy_weight=0.2).scheduled(0.5)
     assert float(constant.entropy_weight) == pytest.approx(0.2)
+
+
+def test_a_switching_cost_is_the_probability_to_leave_an_option(agent, params, batch):
+    data, _ = agent.targets(params, batch)
+    free, _ = agent.loss(params, data)
+    costly, _ = agent.replace(switching_cost=0.5).loss(params, data)
+    stay = agent.option_probs(params, data["obs"], batch.memory)
+    leaving = 1.0 - np.take_along_axis(stay, batch.memory[..., None], axis=-1)
+    np.testing.assert_allclose(costly - free, 0.5 * leaving.mean(), rtol=1e-3)

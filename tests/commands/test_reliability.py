@@ -124,7 +124,8 @@ def test_a_full_disk_ends_nothing_that_was_saved(start, command, small_disk):
 def test_what_is_killed_before_its_first_checkpoint_starts_again(start, command, tmp_path):
     run_dir = tmp_path / "run"
     process = start("train", *QUICK, "total_steps=4096", f"run_dir={run_dir}")
-    while not (run_dir / "config.yaml").exists():
+    settings = run_dir / "config.yaml"
+    while not (settings.exists() and settings.stat().st_size):
         time.sleep(0.05)
     process.kill()
     process.communicate()

@@ -80,7 +80,7 @@ def test_another_shape_is_explained(checkpoints, state):
         rollout_length=16,
     )  # fmt: skip
     keys = jax.random.split(jax.random.key(0), 2)
-    with pytest.raises(UsageError, match=r"not fit its config.yaml: .* is an array \[2, 8707\]"):
+    with pytest.raises(UsageError, match=r"not fit its config.yaml: .* is an array \[2, 8709\]"):
         checkpoints.restore(lambda task: jax.eval_shape(jax.vmap(init), keys))
 
 

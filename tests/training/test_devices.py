@@ -4,9 +4,10 @@ import jax
 import numpy as np
 import pytest
 
+from hitmdp_jax.training import devices
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.devices import num_shards, place
+from hitmdp_jax.training.devices import chunk_size, num_shards, place
 from hitmdp_jax.training.run import Run
 from tests.probes import QUICK
 
@@ -48,3 +49,18 @@ def test_seeds_on_two_devices_equal_seeds_on_one():
         one = after_an_iteration(dataclasses.replace(alone, config=config(seed=seed)), *program)
         here = jax.tree.map(lambda x, i=seed: x[i : i + 1], together)
         jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-5), here, one)
+
+
+@pytest.mark.parametrize(("trainings", "size"), [(1, 1), (8, 8), (9, 3), (11, 1), (20, 5), (64, 8)])
+def test_chunks_are_of_one_size(trainings, size):
+    assert chunk_size(trainings) == size
+
+
+def test_seeds_in_chunks_equal_seeds_side_by_side(monkeypatch):
+    run = Run.create(config(seeds=4))  # two on each of two devices
+    together = after_an_iteration(run, *run.programs(0))
+    monkeypatch.setattr(devices, "SIDE_BY_SIDE", 1)
+    one_by_one = after_an_iteration(run, *run.programs(0))
+    jax.tree.map(
+        lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-5), together, one_by_one
+    )

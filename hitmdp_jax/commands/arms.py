@@ -1,0 +1,77 @@
+"""Several trainings one after the other, each in a process of its own, that can be gone on with."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from hitmdp_jax.commands.settings import Settings
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.folder import already_there, is_finished, made
+from hitmdp_jax.training.interrupt import SIGNALS
+
+
+def configs_of(arms: Mapping[str, Sequence[str]]) -> dict[str, RunConfig]:
+    """Return each arm's validated settings; raises as `Settings` and `RunConfig` do."""
+    return {arm: Settings(settings).config() for arm, settings in arms.items()}
+
+
+def train_arms(arms: Mapping[str, Sequence[str]], folder: Path, again: str) -> int:
+    """Train every arm into `folder/<arm>`, or go on with it; what is finished is taken as it is.
+
+    Args:
+      arms: name -> settings of train.py.
+      folder: of all.
+      again: what the user has to do to go on after a signal, in words.
+
+    Returns:
+      0, or the exit code that a signal led to.
+
+    Raises:
+      UsageError: a setting is wrong, a folder holds another run, or a run failed.
+    """
+    configs = configs_of(arms)
+    run_dirs = {arm: folder / arm for arm in arms}
+    known = {arm: already_there(run_dirs[arm], configs[arm]) for arm in arms}
+    made(folder)
+    for arm, run_dir in run_dirs.items():
+        if known[arm] and is_finished(run_dir, configs[arm]):
+            print(f"{arm}: taken from {run_dir}", flush=True)
+            continue
+        where = [f"resume={run_dir}"] if known[arm] else [*arms[arm], f"run_dir={run_dir}"]
+        code = train(where)
+        if code > 128:
+            print(f"Stopped in {arm}. {again}")
+            return code
+        if code not in (0, 3):  # 3: a seed diverged, and said so
+            raise UsageError(f"The run of {arm} failed; it stopped there.")
+    return 0
+
+
+def train(settings: Sequence[str]) -> int:
+    """Run a training in a process of its own and wait for it; return its exit code.
+
+    A signal is handed on: the training saves what it has, and then both end.
+    """
+    command = [sys.executable, "-m", "hitmdp_jax.train", *settings]
+    # A session of its own: a terminal's Ctrl-C would reach it twice, and twice means at once.
+    process = subprocess.Popen(command, start_new_session=True)
+    previous = {s: signal.signal(s, lambda signum, _: process.send_signal(signum)) for s in SIGNALS}
+    try:
+        code = process.wait()
+    finally:
+        for signum, handler in previous.items():
+            signal.signal(signum, handler)
+    return 128 - code if code < 0 else code
+
+
+def named(arguments: Sequence[str]) -> dict[str, str]:
+    """Return the settings `name=value` among arguments by name."""
+    return dict(text.split("=", 1) for text in arguments if "=" in text)
+
+
+def without_folder(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments but `run_dir=`, which names the folder of all arms."""
+    return [text for text in arguments if not text.startswith("run_dir=")]

@@ -1,0 +1,99 @@
+"""Answer a question by an experiment: `python -m hitmdp_jax.study NAME [name=value ...]`.
+
+A study is a file of hitmdp_jax/studies, or a path to one of your own: a question, the settings that
+its arms share, the arms, and the one that the others are measured against. Every arm trains all of
+its seeds as one program; the table says whether the differences are more than luck. Further
+settings are those of train.py and apply to every arm: `study embedding env=swimmer seed=100`. With
+`run_dir=` of an earlier study it goes on where that stopped; `append=docs/ablation.md` adds the
+question, the table and the command to a notebook.
+"""
+
+import dataclasses
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+import hitmdp_jax
+from hitmdp_jax.analysis import ablation, tables
+from hitmdp_jax.commands.arms import configs_of, train_arms, without_folder
+from hitmdp_jax.commands.settings import Settings, folder_setting, guarded
+from hitmdp_jax.errors import UsageError, unknown_name
+
+STUDIES = Path(hitmdp_jax.__file__).parent / "studies"
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """A question and the experiment that answers it."""
+
+    question: str
+    control: str  # the arm that the others are measured against
+    settings: list[str]  # of every arm
+    arms: dict[str, list[str]]  # name -> what is its own
+
+
+def main() -> None:
+    """Run the command line."""
+    guarded(_main)
+
+
+def _main() -> int:
+    arguments = sys.argv[1:]
+    if not arguments or {"-h", "--help"} & set(arguments):
+        print(__doc__)
+        print("Studies:", *(f"  {name}: {read(name).question}" for name in names()), sep="\n")
+        return 0
+    name, *rest = arguments
+    study = read(name)
+    append = [text.split("=", 1)[1] for text in rest if text.startswith("append=")]
+    rest = [text for text in rest if not text.startswith("append=")]
+    own = without_folder(rest)
+    arms = {arm: [*study.settings, *more, *own] for arm, more in study.arms.items()}
+    configs_of(arms)
+    label = Path(name).stem
+    folder = folder_setting(Settings(rest).values()) or Path(
+        f"runs/study/{label}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
+    )
+    again = f"The same command with run_dir={folder} goes on from there."
+    if code := train_arms(arms, folder, again):
+        return code
+    results = ablation.measure({arm: folder / arm for arm in arms}, study.control)
+    rows = ablation.table(results)
+    tables.save(rows, folder, "study")
+    tables.show(rows)
+    command = " ".join(["python -m hitmdp_jax.study", name, *own])
+    for file in append:
+        with Path(file).open("a") as notebook:
+            notebook.write(f"\n## {study.question}\n\n`{command}`\n\n{tables.markdown(rows)}")
+    print(f"Saved in {folder}.")
+    return 0
+
+
+def names() -> list[str]:
+    """Return the studies that come with the package."""
+    return sorted(path.stem for path in STUDIES.glob("*.yaml"))
+
+
+def read(name: str) -> Study:
+    """Return a study by name or path.
+
+    Raises:
+      UsageError: there is none of that name, or the file is not a study.
+    """
+    path = Path(name) if name.endswith(".yaml") else STUDIES / f"{name}.yaml"
+    if not path.is_file():
+        raise unknown_name("study", name, names())
+    try:
+        content: Any = yaml.safe_load(path.read_text())
+    except yaml.YAMLError:
+        content = None
+    fields = [field.name for field in dataclasses.fields(Study)]
+    if not isinstance(content, dict) or set(content) != set(fields):
+        raise UsageError(f"'{path}' is not a study: one has {', '.join(fields)}.")
+    study = Study(**content)
+    if study.control not in study.arms:
+        raise unknown_name("arm", study.control, study.arms)
+    return study

@@ -1,0 +1,37 @@
+"""Critics that learn at one pace whatever a task's returns amount to."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+RATE = 0.1  # the share of a rollout in the running moments
+SMALLEST = 1e-2  # a scale: what a constant target would be divided by
+
+
+def rescale(critic: Any, target: jax.Array) -> Any:
+    """Fit a critic's shift and scale to its targets, without changing any value (PopArt).
+
+    The last layer takes up the difference (van Hasselt et al. 2016, "Learning values across many
+    orders of magnitude", Prop. 1). Where the scale is not that of the returns, the critic's
+    gradient is most of the norm that is clipped, and Adam's epsilon most of what the policies'
+    gradients are divided by.
+
+    Args:
+      critic: the parameters of `networks.Critic`.
+      target: [...] what the values are about to be fitted to.
+
+    Returns:
+      The new parameters.
+    """
+    shift, scale, last = critic["shift"], critic["scale"], critic["value"]
+    square = jnp.square(scale) + jnp.square(shift)
+    new_shift = shift + RATE * (target.mean() - shift)
+    new_square = square + RATE * (jnp.square(target).mean() - square)
+    new_scale = jnp.sqrt(jnp.maximum(new_square - jnp.square(new_shift), SMALLEST**2))
+    ratio = scale / new_scale
+    value = {
+        "kernel": last["kernel"] * ratio,
+        "bias": last["bias"] * ratio + (shift - new_shift) / new_scale,
+    }
+    return critic | {"value": value, "shift": new_shift, "scale": new_scale}

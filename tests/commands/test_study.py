@@ -1,0 +1,50 @@
+"""`python -m hitmdp_jax.study` as a user runs it."""
+
+import pytest
+import yaml
+
+from hitmdp_jax.commands import study
+from hitmdp_jax.commands.arms import configs_of
+from tests.commands.conftest import QUICK
+
+
+@pytest.mark.parametrize("name", study.names())
+def test_the_studies_that_come_with_the_package_are_valid(name):
+    read = study.read(name)
+    arms = {arm: [*read.settings, *own] for arm, own in read.arms.items()}
+    assert all(config.seeds >= 16 for config in configs_of(arms).values())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["embeding"], "Unknown study 'embeding'; did you mean 'embedding'?"),
+        (["embedding", "total_step=5"], "Unknown setting 'total_step'"),
+        (["own.yaml"], "'own.yaml' is not a study: one has question, control, settings, arms."),
+    ],
+)
+def test_bad_input_is_explained(command, tmp_path, arguments, sentence):
+    (tmp_path / "own.yaml").write_text("question: none")
+    result = command("study", *arguments, cwd=tmp_path)
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    assert result.stderr.startswith(f"error: {sentence}")
+
+
+def test_a_study_of_ones_own_is_trained_and_noted_down(command, tmp_path):
+    own = {
+        "question": "Does discounting matter?",
+        "control": "long",
+        "settings": [*QUICK, "total_steps=2048"],
+        "arms": {"long": [], "short": ["algo.gamma=0.9"]},
+    }
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(own))
+    arguments = ["own.yaml", f"run_dir={tmp_path / 'found'}", "append=notebook.md"]
+    result = command("study", *arguments, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    notebook = (tmp_path / "notebook.md").read_text()
+    table = (tmp_path / "found" / "study.md").read_text()
+    assert "| short |" in table
+    assert notebook.startswith("\n## Does discounting matter?")
+    assert notebook.endswith(table)
+    again = command("study", *arguments, cwd=tmp_path)
+    assert "short: taken from" in again.stdout
