@@ -18,13 +18,12 @@ def configs_of(arms: Mapping[str, Sequence[str]]) -> dict[str, RunConfig]:
     return {arm: Settings(settings).config() for arm, settings in arms.items()}
 
 
-def train_arms(arms: Mapping[str, Sequence[str]], folder: Path, again: str) -> int:
+def train_arms(arms: Mapping[str, Sequence[str]], folder: Path) -> int:
     """Train every arm into `folder/<arm>`, or go on with it; what is finished is taken as it is.
 
     Args:
       arms: name -> settings of train.py.
       folder: of all.
-      again: what the user has to do to go on after a signal, in words.
 
     Returns:
       0, or the exit code that a signal led to.
@@ -40,10 +39,11 @@ def train_arms(arms: Mapping[str, Sequence[str]], folder: Path, again: str) -> i
         if known[arm] and is_finished(run_dir, configs[arm]):
             print(f"{arm}: taken from {run_dir}", flush=True)
             continue
-        where = [f"resume={run_dir}"] if known[arm] else [*arms[arm], f"run_dir={run_dir}"]
+        name = str(run_dir).replace("'", r"\'")  # quoted: an arm's name may hold a comma
+        where = [f"resume='{name}'"] if known[arm] else [*arms[arm], f"run_dir='{name}'"]
         code = train(where)
         if code > 128:
-            print(f"Stopped in {arm}. {again}")
+            print(f"Stopped in {arm}. The same command with run_dir={folder} goes on from there.")
             return code
         if code not in (0, 3):  # 3: a seed diverged, and said so
             raise UsageError(f"The run of {arm} failed; it stopped there.")

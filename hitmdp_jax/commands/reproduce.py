@@ -10,7 +10,6 @@ Targets:
            `run_dir=`).
 """
 
-import sys
 import time
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from hitmdp_jax.agents import AGENTS, find_agent
 from hitmdp_jax.analysis import tables, theorems
 from hitmdp_jax.analysis.comparison import compare, comparison_figure, table
 from hitmdp_jax.commands.arms import named, train_arms, without_folder
-from hitmdp_jax.commands.settings import Settings, folder_setting, guarded
+from hitmdp_jax.commands.settings import Settings, dispatched, folder_setting
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import made
@@ -29,17 +28,13 @@ from hitmdp_jax.training.policy import load
 
 def main() -> None:
     """Run the command line."""
-    guarded(_main)
+    dispatched(lambda: str(__doc__), _run)
 
 
-def _main() -> int:
-    arguments = sys.argv[1:]
-    if not arguments or {"-h", "--help"} & set(arguments):
-        print(__doc__)
-        return 0
-    if arguments[0] not in TARGETS:
-        raise unknown_name("target", arguments[0], TARGETS)
-    return TARGETS[arguments[0]](arguments[1:])
+def _run(target: str, arguments: list[str]) -> int:
+    if target not in TARGETS:
+        raise unknown_name("target", target, TARGETS)
+    return TARGETS[target](arguments)
 
 
 def run_comparison(arguments: list[str]) -> int:
@@ -55,8 +50,7 @@ def run_comparison(arguments: list[str]) -> int:
         f"runs/compare/{name.replace('/', '-')}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
     )
     arms = {algo: [f"algo={algo}", *without_folder(rest)] for algo in algos}
-    again = f"The same command with run_dir={folder} goes on from there."
-    if code := train_arms(arms, folder, again):
+    if code := train_arms(arms, folder):
         return code
     run_dirs = {algo: folder / algo for algo in algos}
     config = RunConfig.load(run_dirs[algos[0]])

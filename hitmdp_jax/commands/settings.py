@@ -53,6 +53,19 @@ def guarded(command: Callable[[], int | None]) -> None:
         sys.exit(code)
 
 
+def dispatched(usage: Callable[[], str], command: Callable[[str, list[str]], int]) -> None:
+    """Run a command line `NAME [name=value ...]`; without a name, print its usage."""
+
+    def run() -> int:
+        arguments = sys.argv[1:]
+        if not arguments or {"-h", "--help"} & set(arguments):
+            print(usage())
+            return 0
+        return command(arguments[0], arguments[1:])
+
+    guarded(run)
+
+
 def _say_in_a_line(args: threading.ExceptHookArgs) -> None:
     """Report what ended a thread that writes in the background: a full disk needs no traceback."""
     if isinstance(args.exc_value, OSError):

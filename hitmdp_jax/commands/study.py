@@ -9,7 +9,6 @@ question, the table and the command to a notebook.
 """
 
 import dataclasses
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,8 @@ import yaml
 
 import hitmdp_jax
 from hitmdp_jax.analysis import ablation, tables
-from hitmdp_jax.commands.arms import configs_of, train_arms, without_folder
-from hitmdp_jax.commands.settings import Settings, folder_setting, guarded
+from hitmdp_jax.commands.arms import train_arms, without_folder
+from hitmdp_jax.commands.settings import Settings, dispatched, folder_setting
 from hitmdp_jax.errors import UsageError, unknown_name
 
 STUDIES = Path(hitmdp_jax.__file__).parent / "studies"
@@ -37,28 +36,24 @@ class Study:
 
 def main() -> None:
     """Run the command line."""
-    guarded(_main)
+    dispatched(_usage, _run)
 
 
-def _main() -> int:
-    arguments = sys.argv[1:]
-    if not arguments or {"-h", "--help"} & set(arguments):
-        print(__doc__)
-        print("Studies:", *(f"  {name}: {read(name).question}" for name in names()), sep="\n")
-        return 0
-    name, *rest = arguments
+def _usage() -> str:
+    studies = [f"  {name}: {read(name).question}" for name in names()]
+    return "\n".join([str(__doc__), "Studies:", *studies])
+
+
+def _run(name: str, rest: list[str]) -> int:
     study = read(name)
     append = [text.split("=", 1)[1] for text in rest if text.startswith("append=")]
     rest = [text for text in rest if not text.startswith("append=")]
     own = without_folder(rest)
     arms = {arm: [*study.settings, *more, *own] for arm, more in study.arms.items()}
-    configs_of(arms)
-    label = Path(name).stem
     folder = folder_setting(Settings(rest).values()) or Path(
-        f"runs/study/{label}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
+        f"runs/study/{Path(name).stem}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
     )
-    again = f"The same command with run_dir={folder} goes on from there."
-    if code := train_arms(arms, folder, again):
+    if code := train_arms(arms, folder):
         return code
     results = ablation.measure({arm: folder / arm for arm in arms}, study.control)
     rows = ablation.table(results)

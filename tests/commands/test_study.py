@@ -35,7 +35,7 @@ def test_a_study_of_ones_own_is_trained_and_noted_down(command, tmp_path):
         "question": "Does discounting matter?",
         "control": "long",
         "settings": [*QUICK, "total_steps=2048"],
-        "arms": {"long": [], "short": ["algo.gamma=0.9"]},
+        "arms": {"long": [], "short, 10 steps": ["algo.gamma=0.9"]},
     }
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(own))
     arguments = ["own.yaml", f"run_dir={tmp_path / 'found'}", "append=notebook.md"]
@@ -43,8 +43,8 @@ def test_a_study_of_ones_own_is_trained_and_noted_down(command, tmp_path):
     assert result.returncode == 0, result.stderr
     notebook = (tmp_path / "notebook.md").read_text()
     table = (tmp_path / "found" / "study.md").read_text()
-    assert "| short |" in table
+    assert "| short, 10 steps |" in table
     assert notebook.startswith("\n## Does discounting matter?")
     assert notebook.endswith(table)
     again = command("study", *arguments, cwd=tmp_path)
-    assert "short: taken from" in again.stdout
+    assert "short, 10 steps: taken from" in again.stdout
