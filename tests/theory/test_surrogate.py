@@ -42,11 +42,12 @@ AGENT = TabularMOPG(num_options=K, gae_lambda=0.0)
 
 
 def as_params(hit):
-    """Softmax tables of both policies, and the exact Q_O."""
+    """Softmax tables of both policies, and the exact Q_O in units of one."""
     return {
         "master": jnp.log(hit.master),
         "action": jnp.log(hit.action),
         "q": hidden_values(hit).q_option,
+        "critic": {"scale": jnp.ones(())},
     }
 
 
@@ -90,7 +91,7 @@ def limit_of_many_samples(hit, start, advantage_option, advantage_action):
         "log_prob_action": jax.nn.log_softmax(params["action"])[option, state, action],
         "advantage_option": weight * jnp.broadcast_to(advantage_option, joint.shape).ravel(),
         "advantage_action": weight * jnp.broadcast_to(advantage_action, joint.shape).ravel(),
-        "q_target": jnp.zeros(joint.size),
+        "value_target": jnp.zeros(joint.size),
     }
 
 
