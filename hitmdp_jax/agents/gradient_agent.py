@@ -10,7 +10,7 @@ import optax
 
 from hitmdp_jax.agents.base import Agent, LearnerState, static, traced
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.learning.advantages import discounted_returns, generalized_advantages
+from hitmdp_jax.learning.advantages import discounted_returns, generalized_advantages, spread
 from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.optimization import Loss, adam, minibatch_epochs
 from hitmdp_jax.learning.rollout import Batch
@@ -139,7 +139,16 @@ class ClippedAgent(GradientAgent):
 class ScaledAgent(ClippedAgent):
     """A clipped agent with a `networks.Critic` in the units of its targets, `value_target`."""
 
+    entropy_weight: float = traced(0.0)  # a_H
     normalize_values: bool = static(True)
+
+    def bonus(self, advantage: jax.Array) -> jax.Array:
+        """Return what a loss weighs an entropy with [T, B], beside that advantage standardised.
+
+        The entropy in the reward carries what actions do to later entropies, and not its own
+        gradient (docs/errata.md, 16).
+        """
+        return jnp.full_like(advantage, self.entropy_weight / spread(advantage))
 
     def learn(
         self, state: LearnerState, data: dict[str, Any], key: jax.Array

@@ -25,10 +25,12 @@ from hitmdp_jax.learning.schedules import SCHEDULES, anneal
 class MOPG(HitPolicy, ScaledAgent):
     """Learns K options and the master policy that chooses among them at every step.
 
-    Maximises the ELBO (Thm 4.1) by PPO's clipped surrogate for both policies. The option stream is
-    rewarded r + a_I I_t + a_H H(pi_O), the action stream r + a_H H(pi_A). The advantages are GAE
-    over V[s, o_{t-1}] = sum_o pi_O(o | s, o_{t-1}) Q_O[s, o] (Eq. 6) and over Q_O[s, o_t]; the
-    printed Alg. 1 puts the reward-like terms inside gamma(...), see docs/errata.md.
+    Maximises the ELBO (Thm 4.1), the return of r + a_I I_t + a_H H(pi_O) + a_H H(pi_A), by PPO's
+    clipped surrogate for both policies. One critic serves both: Q_O[s, o] is what follows the
+    choice of o, so it holds the later steps' I and H(pi_O) but not those of the choice itself.
+    The options' advantage is GAE over the soft V[s, o_{t-1}] = sum_o pi_O Q_O[s, o] + a_H H(pi_O)
+    (Eq. 6), the actions' over Q_O[s, o_t]. Alg. 1 as printed gives each stream a part of the reward
+    only, puts it inside gamma(...) and lacks the entropies' gradients: docs/errata.md, 15, 16, 18.
     """
 
     switching_cost: float = traced(0.0)
@@ -55,19 +57,24 @@ class MOPG(HitPolicy, ScaledAgent):
         every_q = self.every_q(params, obs, batch.memory)
         every_q_next = self.every_q(params, batch.next_obs, memory_next)
 
-        value = expected_value(log_option, every_q)
-        value_next = expected_value(log_option_next, every_q_next)
-        q = at_option(every_q, option)
-        ended = batch.terminated | batch.truncated
-        q_next = value_of_next_option(every_q_next, log_option_next, option, ended)
-
         option_entropy, action_entropy = entropy(log_option), policy.entropy()
         information = self.information(params, batch, log_option)
-        reward_option = batch.reward + self.information_weight * information
-        reward_option += self.entropy_weight * option_entropy
-        reward_action = batch.reward + self.entropy_weight * action_entropy
-        advantage_option = self.advantages(batch, reward_option, value, value_next)
-        advantage_action = self.advantages(batch, reward_action, q, q_next)
+        for_information = self.information_weight * information
+        for_choice = for_information + self.entropy_weight * option_entropy
+        reward = batch.reward + self.entropy_weight * action_entropy  # all that the action earns
+
+        ended = batch.terminated | batch.truncated
+        entropy_next = self.entropy_weight * entropy(log_option_next)
+        value = expected_value(log_option, every_q) + self.entropy_weight * option_entropy
+        value_next = expected_value(log_option_next, every_q_next) + entropy_next
+        q = at_option(every_q, option)
+        q_next = value_of_next_option(every_q_next, log_option_next, option, ended) + entropy_next
+        q_next += jnp.where(ended.at[-1].set(True), 0.0, jnp.roll(for_information, -1, axis=0))
+
+        advantage_option = self.advantages(batch, reward + for_choice, value, value_next)
+        advantage_action = self.advantages(batch, reward, q, q_next)
+        # An action is also what tells which option is under way.
+        credit_action = advantage_action + for_information
         data = {
             "obs": obs,
             "previous": previous,
@@ -77,7 +84,9 @@ class MOPG(HitPolicy, ScaledAgent):
             "log_prob_option": at_option(log_option, option),
             "log_prob_action": policy.log_prob(batch.action),
             "advantage_option": standardize(advantage_option),
-            "advantage_action": standardize(advantage_action),
+            "advantage_action": standardize(credit_action),
+            "entropy_weight_option": self.bonus(advantage_option),
+            "entropy_weight_action": self.bonus(credit_action),
             "value_target": advantage_action + q,
         }
         metrics = {
@@ -92,7 +101,8 @@ class MOPG(HitPolicy, ScaledAgent):
         """Return the loss of a minibatch: both surrogates and the critic's squared error."""
         obs, option = data["obs"], data["option"]
         log_option = self.option_log_probs(params, obs, data["previous"])
-        log_prob_action = self.policy(params, obs, option).log_prob(data["action"])
+        policy = self.policy(params, obs, option)
+        log_prob_action = policy.log_prob(data["action"])
         log_prob_option = at_option(log_option, option)
         surrogate_option, of_options = self.surrogate(
             "option", log_prob_option, data["log_prob_option"], data["advantage_option"]
@@ -102,8 +112,11 @@ class MOPG(HitPolicy, ScaledAgent):
         )
         q = self.q(params, obs, data["memory"])
         value_loss, of_values = self.value_loss(params, q, data)
+        bonus = data["entropy_weight_option"] * entropy(log_option)
+        bonus += data["entropy_weight_action"] * policy.entropy()
         leaving = 1.0 - jnp.exp(at_option(log_option, data["previous"])).mean()
-        loss = value_loss - surrogate_option - surrogate_action + self.switching_cost * leaving
+        loss = value_loss - surrogate_option - surrogate_action - bonus.mean()
+        loss += self.switching_cost * leaving
         return loss, of_options | of_actions | of_values
 
     def information(self, params: Any, batch: Batch, log_option: jax.Array) -> jax.Array:

@@ -40,7 +40,6 @@ class PPO(ScaledAgent):
     Sizes and hyperparameters equal MOPG's, so that the two differ in the options alone.
     """
 
-    entropy_weight: float = traced(0.0)
     initial_log_std: float = traced(-0.5, low=-10.0, high=10.0)
 
     def network(self, action_size: int) -> PPONetwork:
@@ -76,6 +75,7 @@ class PPO(ScaledAgent):
             "action": batch.action,
             "log_prob": policy.log_prob(batch.action),
             "advantage": standardize(advantage),
+            "entropy_weight": self.bonus(advantage),
             "value_target": advantage + value,
         }
         return data, {"action_entropy": entropy.mean(), "value": value.mean()}
@@ -87,4 +87,5 @@ class PPO(ScaledAgent):
             "action", policy.log_prob(data["action"]), data["log_prob"], data["advantage"]
         )
         value_loss, of_values = self.value_loss(params, value, data)
-        return value_loss - surrogate, metrics | of_values
+        bonus = (data["entropy_weight"] * policy.entropy()).mean()
+        return value_loss - surrogate - bonus, metrics | of_values

@@ -72,39 +72,49 @@ def v_bar(agent, params, obs, previous):
 
 @pytest.mark.parametrize("form", ["similarity", "printed"])
 def test_both_advantages_equal_their_definitions(form, params, batch):
-    agent = Compiled(MOPG(master_policy=form, entropy_weight=0.1, **SMALL))
+    agent = Compiled(
+        MOPG(
+            master_policy=form,
+            entropy_weight=0.1,
+            mutual_information="action",
+            information_weight=0.3,
+            **SMALL,
+        )
+    )
     data, _ = agent.targets(params, batch)
-    value, value_next, q, q_next = np.zeros((4, T, B))
-    reward_option, reward_action = np.zeros((2, T, B))
+    log_option = agent.option_log_probs(params, batch.obs, batch.memory)
+    information = 0.3 * np.asarray(agent.information(params, batch, log_option))
+    value, value_next, q, q_next, for_choice = np.zeros((5, T, B))
+    action_entropy = np.sum(params["decoder"]["log_std"] + 0.5 * np.log(2 * np.pi * np.e))
+
+    def soft_value(obs, previous):
+        probabilities = np.asarray(master(agent, params, obs, previous))
+        option_entropy = -0.1 * np.sum(probabilities * np.log(probabilities))
+        return v_bar(agent, params, obs, previous) + option_entropy, option_entropy
+
     for t in range(T):
         for b in range(B):
             obs, next_obs = batch.obs[t, b], batch.next_obs[t, b]
             previous, option = batch.memory[t, b], batch.record[t, b]
-            probabilities = master(agent, params, obs, previous)
-            value[t, b] = v_bar(agent, params, obs, previous)
-            value_next[t, b] = v_bar(agent, params, next_obs, option)
+            value[t, b], option_entropy = soft_value(obs, previous)
+            value_next[t, b], entropy_next = soft_value(next_obs, option)
             q[t, b] = q_values(agent, params, obs)[option]
-            ended = batch.terminated[t, b] or batch.truncated[t, b] or t == T - 1
-            q_next[t, b] = (
-                value_next[t, b]
-                if ended
-                else q_values(agent, params, next_obs)[batch.record[t + 1, b]]
-            )
-            option_entropy = -np.sum(probabilities * np.log(probabilities))
-            log_std = params["decoder"]["log_std"]
-            action_entropy = np.sum(log_std + 0.5 * np.log(2 * np.pi * np.e))
-            reward_option[t, b] = batch.reward[t, b] + 0.1 * option_entropy
-            reward_action[t, b] = batch.reward[t, b] + 0.1 * action_entropy
+            for_choice[t, b] = information[t, b] + option_entropy
+            if batch.terminated[t, b] or batch.truncated[t, b] or t == T - 1:
+                q_next[t, b] = value_next[t, b]
+            else:
+                drawn = q_values(agent, params, next_obs)[batch.record[t + 1, b]]
+                q_next[t, b] = drawn + entropy_next + information[t + 1, b]
     ends = batch.terminated, batch.truncated
-    for name, reward, v, v_next in (
-        ("advantage_option", reward_option, value, value_next),
-        ("advantage_action", reward_action, q, q_next),
-    ):
-        expected = advantages_by_loop(reward, v, v_next, *ends, 0.99, 0.95, True)
-        standardized = (expected - expected.mean()) / expected.std()
-        np.testing.assert_allclose(data[name], standardized, rtol=1e-3, atol=1e-3)
-        if name == "advantage_action":
-            np.testing.assert_allclose(data["value_target"], expected + q, rtol=1e-3, atol=1e-3)
+    reward = batch.reward + 0.1 * action_entropy
+    of_option = advantages_by_loop(reward + for_choice, value, value_next, *ends, 0.99, 0.95, True)
+    of_action = advantages_by_loop(reward, q, q_next, *ends, 0.99, 0.95, True)
+    np.testing.assert_allclose(data["value_target"], of_action + q, rtol=1e-3, atol=1e-3)
+    for name, advantage in ("option", of_option), ("action", of_action + information):
+        standardized = (advantage - advantage.mean()) / advantage.std()
+        np.testing.assert_allclose(data[f"advantage_{name}"], standardized, rtol=1e-3, atol=1e-3)
+        weight = np.full((T, B), 0.1 / advantage.std())
+        np.testing.assert_allclose(data[f"entropy_weight_{name}"], weight, rtol=1e-3)
 
 
 @pytest.mark.parametrize("choice", ["action", "usage", "previous"])
@@ -137,11 +147,14 @@ def test_loss_at_the_old_policy_is_by_hand(agent, params, batch):
         "advantage_option": np.full((T, B), 2.0),
         "advantage_action": np.full((T, B), 3.0),
         "value_target": q - 2.0,
+        "entropy_weight_option": np.full((T, B), 0.5),
     }
     loss, diagnostics = agent.loss(params, data)
-    # Both ratios are 1: half of 2^2, in the critic's units, less 2, less 3.
+    probabilities = np.asarray(agent.option_probs(params, batch.obs, batch.memory))
+    entropy = -(probabilities * np.log(probabilities)).sum(axis=-1).mean()
+    # Both ratios are 1: half of 2^2, in the critic's units, less 2, less 3, less half the entropy.
     units = params["critic"]["scale"] ** 2
-    np.testing.assert_allclose(loss, 2.0 / units - 2.0 - 3.0, rtol=1e-4)
+    np.testing.assert_allclose(loss, 2.0 / units - 2.0 - 3.0 - 0.5 * entropy, rtol=1e-4)
     np.testing.assert_allclose(diagnostics["option_kl"], 0.0, atol=1e-6)
 
 

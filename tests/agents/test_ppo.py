@@ -20,12 +20,14 @@ def test_loss_at_the_old_policy_is_by_hand(key):
             "log_prob": policy.log_prob(action),
             "advantage": jnp.array([1.0, 2.0, -1.0, 4.0]),
             "value_target": value + 2.0,
+            "entropy_weight": jnp.full(4, 0.1),
         }
         return agent.loss(params, data)
 
     loss, metrics = evaluate(key)
     # ratio 1: the surrogate is the mean advantage 1.5; half the squared error is 2.
-    np.testing.assert_allclose(loss, 2.0 - 1.5, rtol=1e-5)
+    entropy = 2 * (-0.5 + 0.5 * np.log(2 * np.pi * np.e))
+    np.testing.assert_allclose(loss, 2.0 - 1.5 - 0.1 * entropy, rtol=1e-5)
     np.testing.assert_allclose(metrics["action_clip_fraction"], 0.0)
 
 

@@ -36,9 +36,15 @@ class TabularMOPG(MOPG):
         return params["q"][obs.argmax(-1)]
 
 
-solve = compiled(hidden_values)
 visit = compiled(occupancy)
-AGENT = TabularMOPG(num_options=K, gae_lambda=0.0)
+ENTROPY = 0.3
+AGENT = TabularMOPG(num_options=K, gae_lambda=0.0, entropy_weight=ENTROPY)
+START = np.full((S, K), 1 / (S * K))
+
+
+def soft(seed=0):
+    """A random HiT-MDP whose entropies are rewarded."""
+    return random_hit_mdp(seed, option_entropy=ENTROPY, action_entropy=ENTROPY)
 
 
 def as_params(hit):
@@ -74,13 +80,16 @@ def surrogate_gradient(params, data):
 
 
 @compiled
-def limit_of_many_samples(hit, start, advantage_option, advantage_action):
+def limit_of_many_samples(hit, start):
     """Every (s, o_prev, o, a) once, its advantages weighted by how often samples have it."""
     visited = (1 - hit.gamma) * occupancy(hit, start)
     joint = jnp.einsum("sp,spo,osa->spoa", visited, hit.master, hit.action)
     state, previous, option, action = (x.ravel() for x in jnp.indices(joint.shape))
     weight = joint.size * joint.ravel()
-    params = as_params(hit)
+    params, values = as_params(hit), hidden_values(hit)
+    information = jnp.broadcast_to(hit.information, joint.shape)
+    advantage_option = (values.q_option[:, None] - values.v_bar[:, :, None])[..., None]
+    advantage_action = (values.q_action - values.q_option[:, :, None])[:, None]
     return params, {
         "obs": jax.nn.one_hot(state, S, dtype=jnp.float64),
         "previous": previous,
@@ -89,23 +98,23 @@ def limit_of_many_samples(hit, start, advantage_option, advantage_action):
         "action": action,
         "log_prob_option": jax.nn.log_softmax(params["master"])[state, previous, option],
         "log_prob_action": jax.nn.log_softmax(params["action"])[option, state, action],
-        "advantage_option": weight * jnp.broadcast_to(advantage_option, joint.shape).ravel(),
-        "advantage_action": weight * jnp.broadcast_to(advantage_action, joint.shape).ravel(),
+        "advantage_option": weight * (advantage_option + information).ravel(),
+        "advantage_action": weight * (advantage_action + information).ravel(),
+        "entropy_weight_option": weight * hit.option_entropy,
+        "entropy_weight_action": weight * hit.action_entropy,
         "value_target": jnp.zeros(joint.size),
     }
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_mopg_loss_has_the_exact_gradient_in_the_limit_of_many_samples(seed):
-    hit, start = random_hit_mdp(seed), np.full((S, K), 1 / (S * K))
-    values = solve(hit)
-    option = (values.q_option[:, None] - values.v_bar[:, :, None])[..., None]  # A^O
-    action = (values.q_action - values.q_option[:, :, None])[:, None]  # A^A
-    gradient = surrogate_gradient(*limit_of_many_samples(hit, start, option, action))
+    # of the ELBO with all its terms; an information that does not depend on the policies
+    table = np.random.default_rng(seed).normal(size=(S, K, K, A))
+    hit = dataclasses.replace(soft(seed), information=table)
     jax.tree.map(
         lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-8, atol=1e-10),
-        gradient,
-        exact_gradient(hit, start),
+        surrogate_gradient(*limit_of_many_samples(hit, START)),
+        exact_gradient(hit, START),
     )
 
 
@@ -113,44 +122,41 @@ def test_entropy_in_the_reward_lacks_the_gradient_of_the_entropy_at_hand():
     # With H(pi_O) and H(pi_A) in the values, the advantages carry what actions do to LATER
     # entropies. H of the step itself is a constant to the advantage, so its own gradient,
     # sum_s d(s) dH/dtheta, is missing from a surrogate without an entropy bonus.
-    hit = random_hit_mdp(option_entropy=0.3, action_entropy=0.3)
-    start = np.full((S, K), 1 / (S * K))
-    values = solve(hit)
-    option = (values.q_option[:, None] - values.v_bar[:, :, None])[..., None]
-    action = (values.q_action - values.q_option[:, :, None])[:, None]
-    gradient = surrogate_gradient(*limit_of_many_samples(hit, start, option, action))
+    hit = soft()
+    params, data = limit_of_many_samples(hit, START)
+    none = {f"entropy_weight_{name}": 0.0 for name in ("option", "action")}
+    gradient = surrogate_gradient(params, data | none)
 
-    visited = (1 - hit.gamma) * visit(hit, start)
+    visited = (1 - hit.gamma) * visit(hit, START)
     executed = np.einsum("sp,spo->so", visited, hit.master)
 
     def bonus(params):
         option_entropy = (visited * entropy(jax.nn.softmax(params["master"]))).sum()
         action_entropy = (executed.T * entropy(jax.nn.softmax(params["action"]))).sum()
-        return 0.3 * (option_entropy + action_entropy)
+        return ENTROPY * (option_entropy + action_entropy)
 
-    policies = {name: params_of(hit)[name] for name in ("master", "action")}
-    missing, exact = compiled(jax.grad(bonus))(policies), exact_gradient(hit, start)
+    policies = {name: params[name] for name in ("master", "action")}
+    missing, exact = compiled(jax.grad(bonus))(policies), exact_gradient(hit, START)
     for name in ("master", "action"):
         np.testing.assert_allclose(gradient[name] + missing[name], exact[name], atol=1e-10)
         assert np.abs(missing[name]).max() > 1e-3
 
 
 def test_mopg_targets_and_loss_estimate_the_exact_gradient_from_samples():
-    # The agent's own targets (GAE of one step from the exact critic, standardised) on states drawn
-    # from the discounted visits. Standardising divides both gradients by a standard deviation.
-    hit, start = random_hit_mdp(), np.full((S, K), 1 / (S * K))
-    batch, count = draw_steps(hit, start, 200_000), 200_000
-    params = params_of(hit)
+    # The agent's own targets (GAE of one step from the exact soft critic, standardised) on states
+    # drawn from the discounted visits. Standardising divides both gradients by a deviation.
+    hit, count = soft(), 800_000
+    batch, params = draw_steps(hit, START, count), params_of(hit)
     data, _ = compiled(AGENT.targets)(params, batch)
-    gradient, exact = surrogate_gradient(params, data), exact_gradient(hit, start)
+    gradient, exact = surrogate_gradient(params, data), exact_gradient(hit, START)
     scale = {
         "master": raw_advantage(hit, batch, option=True).std(),
         "action": raw_advantage(hit, batch, option=False).std(),
     }
     for name in ("master", "action"):
         estimate = scale[name] * gradient[name]
-        # |d log pi / d logit| <= 1, so the standard error is below std(A) / sqrt(N)
-        tolerance = 4 * float(scale[name]) / np.sqrt(count)
+        # |d log pi / d logit| <= 1 and |dH / d logit| < 1, which bounds the standard error.
+        tolerance = 4 * (float(scale[name]) + ENTROPY) / np.sqrt(count)
         np.testing.assert_allclose(estimate, exact[name], rtol=0, atol=tolerance)
         assert tolerance < 0.25 * np.abs(exact[name]).max()
 
@@ -189,5 +195,8 @@ def raw_advantage(hit, batch, option):
     values = hidden_values(hit)
     state, following = batch.obs[0].argmax(-1), batch.next_obs[0].argmax(-1)
     now, arriving = (state, batch.memory[0]), (following, batch.record[0])
-    baseline = values.v_bar[now] if option else values.q_option[state, batch.record[0]]
-    return batch.reward[0] + hit.gamma * values.v_bar[arriving] - baseline
+    earned = batch.reward[0] + hit.action_entropy * entropy(hit.action)[batch.record[0], state]
+    earned += hit.gamma * values.v_bar[arriving]
+    if option:
+        return earned + hit.option_entropy * entropy(hit.master)[now] - values.v_bar[now]
+    return earned - values.q_option[state, batch.record[0]]
