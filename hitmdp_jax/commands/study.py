@@ -46,13 +46,18 @@ def _usage() -> str:
 
 def _run(name: str, rest: list[str]) -> int:
     study = read(name)
-    append = [text.split("=", 1)[1] for text in rest if text.startswith("append=")]
+    notebooks = [Path(text.split("=", 1)[1]) for text in rest if text.startswith("append=")]
     rest = [text for text in rest if not text.startswith("append=")]
     own = without_folder(rest)
     arms = {arm: [*study.settings, *more, *own] for arm, more in study.arms.items()}
     folder = folder_setting(Settings(rest).values()) or Path(
         f"runs/study/{Path(name).stem}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
     )
+    for notebook in notebooks:
+        try:
+            notebook.open("a").close()  # before hours of training, not after
+        except OSError as error:
+            raise UsageError(f"append={notebook} cannot be written: {error.strerror}.") from None
     if code := train_arms(arms, folder):
         return code
     results = ablation.measure({arm: folder / arm for arm in arms}, study.control)
@@ -60,9 +65,9 @@ def _run(name: str, rest: list[str]) -> int:
     tables.save(rows, folder, "study")
     tables.show(rows)
     command = " ".join(["python -m hitmdp_jax.study", name, *own])
-    for file in append:
-        with Path(file).open("a") as notebook:
-            notebook.write(f"\n## {study.question}\n\n`{command}`\n\n{tables.markdown(rows)}")
+    for notebook in notebooks:
+        with notebook.open("a") as file:
+            file.write(f"\n## {study.question}\n\n`{command}`\n\n{tables.markdown(rows)}")
     print(f"Saved in {folder}.")
     return 0
 
@@ -89,6 +94,15 @@ def read(name: str) -> Study:
     if not isinstance(content, dict) or set(content) != set(fields):
         raise UsageError(f"'{path}' is not a study: one has {', '.join(fields)}.")
     study = Study(**content)
+    arms = study.arms if isinstance(study.arms, dict) else {}
+    if not arms or not all(map(_are_settings, [study.settings, *arms.values()])):
+        raise UsageError(
+            f"'{path}' is not a study: settings and each of arms are lists of settings."
+        )
     if study.control not in study.arms:
         raise unknown_name("arm", study.control, study.arms)
     return study
+
+
+def _are_settings(x: object) -> bool:
+    return isinstance(x, list) and all(isinstance(setting, str) for setting in x)

@@ -1,4 +1,4 @@
-"""The one vocabulary of metrics: what each name means, its unit, and how it is reduced."""
+"""The one vocabulary of metrics: meaning, unit, and how iterations are summed up."""
 
 import dataclasses
 import fnmatch
@@ -21,12 +21,11 @@ class Metric:
     meaning: str
     unit: str = ""
     over_iterations: Literal["mean", "sum", "by episodes", "last"] = "mean"
-    over_seeds: Literal["mean", "sum"] = "mean"
 
 
 VOCABULARY: dict[str, Metric] = {
     # Episodes.
-    "episodes": Metric("whole episodes that ended", "episodes", "sum", "sum"),
+    "episodes": Metric("whole episodes that ended", "episodes", "sum"),
     "episode_return": Metric(
         "undiscounted reward of the whole episodes that ended, of the stochastic training policy",
         "reward",
@@ -36,12 +35,12 @@ VOCABULARY: dict[str, Metric] = {
     "recent_return": Metric("mean return of a seed's last 100 episodes", "reward", "last"),
     "recent_length": Metric("their mean length", "steps", "last"),
     # The run.
-    "steps_per_second": Metric("environment steps of one seed a second", "1/s", "last", "sum"),
-    "diverged": Metric("1 once a seed's parameters are not finite", "seeds", "last", "sum"),
+    "steps_per_second": Metric("environment steps of one seed a second", "1/s", "last"),
+    "diverged": Metric("1 once a seed's parameters are not finite", "seeds", "last"),
     "unstable": Metric("steps in which the simulation was lost", "share of steps"),
     # Options, [K].
-    "option_steps": Metric("steps that each option was followed", "steps", "sum", "sum"),
-    "option_activations": Metric("times that each option was taken up", "", "sum", "sum"),
+    "option_steps": Metric("steps that each option was followed", "steps", "sum"),
+    "option_activations": Metric("times that each option was taken up", "", "sum"),
     # Policies.
     "action_entropy": Metric("entropy of the action policy of the option followed", "nats"),
     "option_entropy": Metric("entropy of P(o_t | s_t, o_{t-1})", "nats"),
@@ -84,11 +83,3 @@ def over_iterations(stacked: Metrics) -> Metrics:
         return x.mean(axis=0)
 
     return {name: reduced(name, x) for name, x in stacked.items()}
-
-
-def over_seeds(metrics: Metrics) -> Metrics:
-    """Reduce metrics [S, ...] to one value each."""
-    return {
-        name: x.sum(axis=0) if describe(name).over_seeds == "sum" else jnp.nanmean(x, axis=0)
-        for name, x in metrics.items()
-    }

@@ -1,4 +1,4 @@
-"""The vocabulary of metrics, and what becomes of them over iterations and seeds."""
+"""The vocabulary of metrics, and what becomes of them over iterations."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,6 @@ from hitmdp_jax.learning.metrics import (
     VOCABULARY,
     describe,
     over_iterations,
-    over_seeds,
 )
 from tests.programs import compiled, shapes_of_an_iteration
 
@@ -65,24 +64,3 @@ def test_iterations_are_reduced_by_kind(stacked):
 def test_no_episodes_have_no_return(stacked):
     none = stacked | {"episodes": np.zeros(3)}
     assert np.isnan(reduce_iterations(none)["episode_return"])
-
-
-def test_seeds_are_averaged_and_counts_added():
-    reduced = compiled(over_seeds)(
-        {
-            "episodes": np.array([2.0, 0.0]),
-            "episode_return": np.array([10.0, np.nan]),
-            "steps_per_second": np.array([50.0, 50.0]),
-            "option_steps": np.array([[1.0, 2.0], [3.0, 4.0]]),
-            "diverged": np.array([1.0, 0.0]),
-        }
-    )
-    expected = {
-        "episodes": 2.0,
-        "episode_return": 10.0,
-        "steps_per_second": 100.0,
-        "option_steps": [4.0, 6.0],
-        "diverged": 1.0,
-    }
-    for name, value in expected.items():
-        np.testing.assert_allclose(reduced[name], value, err_msg=name)
