@@ -178,6 +178,14 @@ class Agent(abc.ABC):
         """Return P(o_t | s_t, o_{t-1}) [..., K] for normalised observations [..., O], or None."""
         return None
 
+    def policy(self, params: Any, obs: jax.Array, option: jax.Array) -> Any:
+        """Return P(a | s, o), a distribution over [..., A], for normalised observations [..., O].
+
+        The options [...] may be other ones than the agent would take; observations and options
+        broadcast. None where the algorithm has no options.
+        """
+        return None
+
 
 def _is_leaf(field: dataclasses.Field) -> bool:
     return field.metadata.get("pytree_node", isinstance(field.default, float))

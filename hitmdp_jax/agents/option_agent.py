@@ -60,6 +60,10 @@ class OptionAgent(GradientAgent):
         network: Any = self.network(params["rho"].shape[-1])
         return network.apply({"params": params}, obs)
 
+    def policy(self, params: Any, obs: jax.Array, option: jax.Array) -> Any:
+        """Return pi_o(a | s), a distribution over [..., A], for obs [..., O], option [...]."""
+        return self.heads(params, obs).policy(option)
+
     def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> Any:
         """Return the memory of an episode's start: no option is under way."""
         return OptionMemory(jnp.zeros(batch_shape, jnp.int32), jnp.ones(batch_shape, bool))
