@@ -135,6 +135,15 @@ class HitPolicy(GradientAgent):
         """Return log P(o | s, o_{t-1}) [..., K] for obs [..., O], previous [...]."""
         return self._apply(params, "master", obs, previous)
 
+    def attention(self, params: Any, obs: jax.Array, previous: jax.Array) -> jax.Array:
+        """Return how much the master attends to each option [..., K] for obs, previous [...]."""
+        network = self.network(params["decoder"]["log_std"].size)
+        _, kept = network.apply(
+            {"params": params}, obs, previous, method="master", mutable=["intermediates"]
+        )
+        (weights,) = kept["intermediates"]["encoder"]["attention"]["weights"]
+        return weights
+
     def policy(self, params: Any, obs: jax.Array, option: jax.Array) -> Any:
         """Return P(a | s, o), a distribution over [..., A], for obs [..., O], option [...]."""
         return self._apply(params, "action", obs, option)

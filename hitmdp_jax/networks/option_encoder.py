@@ -96,4 +96,6 @@ class Attention(nn.Module):
         (w_value, b_value), (w_out, b_out) = projection("value"), projection("out")
         keys, values = rows @ w_key + b_key, rows @ w_value + b_value
         scores = query @ (w_query @ keys.T) + b_query @ keys.T
-        return nn.softmax(scores / jnp.sqrt(self.width)) @ (values @ w_out) + b_out
+        weights = nn.softmax(scores / jnp.sqrt(self.width))
+        self.sow("intermediates", "weights", weights)  # kept where they are asked for
+        return weights @ (values @ w_out) + b_out
