@@ -90,5 +90,5 @@ def sentences(slopes: ArrayLike, actuators: Sequence[str], most: int = 3) -> lis
     for dimension in strongest(slopes)[:most]:
         actuator = np.abs(slopes[dimension]).argmax()
         by = slopes[dimension, actuator]
-        said.append(f"dimension {dimension} moves {actuators[actuator]} by {by:+.2f} a unit")
+        said.append(f"dimension {dimension} moves {actuators[actuator]} by {by:+.2g} a unit")
     return said

@@ -8,6 +8,24 @@ Targets:
            `run_dir=` of an earlier comparison it goes on where that stopped.
   theory   computes and draws Theorem 3.3 and Proposition 3.5 on random option frameworks (`seed=`,
            `run_dir=`).
+
+Figures of a trained run: `python -m hitmdp_jax.reproduce FIGURE RUN_DIR` writes it into
+RUN_DIR/figures/. `--seed N` picks one of the run's seeds, its first otherwise; where a figure shows
+episodes, `--episodes N` (8) of `--checkpoint newest|best|ITERATION` are recorded.
+  figure5       option embeddings, and the dimensions that move actions most
+  figure6       how long options last in training
+  figure7       which options are active in four episodes
+  figure8       how long options last in training, in several runs: RUN_DIR ...; figure9 is the same
+  figure10      one whole episode, composed of options
+  figure12      option embeddings and their similarities
+  figure13      one dimension of an embedding: what it does to every actuator
+  figure14      the heaviest dimensions of two options
+  causal        returns where something else chooses the options, and their table
+  transitions   which option follows which
+  divergence    how far the options' actions are apart
+  attention     what the master policy attends to
+  terminations  how probable it is that options end
+  clusters      visited states in two dimensions
 """
 
 import time
@@ -18,6 +36,7 @@ import jax
 from hitmdp_jax.agents import AGENTS, find_agent
 from hitmdp_jax.analysis import tables, theorems
 from hitmdp_jax.analysis.comparison import compare, comparison_figure, table
+from hitmdp_jax.commands import figures
 from hitmdp_jax.commands.arms import named, train_arms, without_folder
 from hitmdp_jax.commands.settings import Settings, dispatched, folder_setting
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
@@ -105,13 +124,13 @@ def draw_theorems(arguments: list[str]) -> int:
     made(folder)
     with jax.enable_x64(True):
         models = theorems.sample_models(jax.random.key(int(seed)))
-        figures = {
+        drawn = {
             "contraction": theorems.contraction_figure(theorems.contraction(models)),
             "variance": theorems.variance_figure(
                 theorems.variances(models), theorems.variances(models, (0.1,), at_start=True)
             ),
         }
-    for name, figure in figures.items():
+    for name, figure in drawn.items():
         figure.savefig(folder / f"{name}.png", dpi=150)
     print(f"Saved in {folder}.")
     return 0
@@ -123,4 +142,4 @@ def count_parameters(run_dir: Path) -> int:
     return sum(x.size for x in jax.tree.leaves(load(run_dir, config.seed).params))
 
 
-TARGETS = {"compare": run_comparison, "theory": draw_theorems}
+TARGETS = {"compare": run_comparison, "theory": draw_theorems, **figures.TARGETS}

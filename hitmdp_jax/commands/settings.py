@@ -54,7 +54,7 @@ def guarded(command: Callable[[], int | None]) -> None:
 
 
 def dispatched(usage: Callable[[], str], command: Callable[[str, list[str]], int]) -> None:
-    """Run a command line `NAME [name=value ...]`; without a name, print its usage."""
+    """Run a command line `NAME [argument ...]`; without a name, print its usage."""
 
     def run() -> int:
         arguments = sys.argv[1:]

@@ -71,7 +71,7 @@ def test_dimensions_are_told_by_what_they_move_most():
     slopes = np.array([[0.1, 0.0], [-0.2, 0.5], [0.0, 0.31], [-0.9, 0.2]])
     assert strongest(slopes).tolist() == [3, 1, 2, 0]
     assert sentences(slopes, ["hip", "knee"], 2) == [
-        "dimension 3 moves hip by -0.90 a unit",
-        "dimension 1 moves knee by +0.50 a unit",
+        "dimension 3 moves hip by -0.9 a unit",
+        "dimension 1 moves knee by +0.5 a unit",
     ]
     assert len(sentences(slopes, ["hip", "knee"], 9)) == 4

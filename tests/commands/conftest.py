@@ -14,6 +14,7 @@ from pathlib import Path
 import jax
 import pytest
 
+from hitmdp_jax.commands import figures
 from hitmdp_jax.training.config import BESIDE_THE_POINT
 from hitmdp_jax.training.run import Run
 from tests import probes
@@ -67,7 +68,8 @@ def command(variables, tmp_path_factory):
             patch.setattr(sys, "argv", [name, *map(str, arguments)])
             patch.setattr(threading, "excepthook", threading.excepthook)
             # This process is set up already, as it can be only once.
-            patch.setattr(module, "set_up_host", lambda *args: None, raising=False)
+            for where in (module, figures):
+                patch.setattr(where, "set_up_host", lambda *args: None, raising=False)
             for name_and_value in variables.items():
                 patch.setenv(*name_and_value)
             patch.setattr(Run, "programs", shared)

@@ -1,0 +1,44 @@
+"""Train a small MOPG on HalfCheetah, then ask what its options are and what they are for.
+
+python examples/analyse_a_run.py [FOLDER]
+"""
+
+import sys
+from pathlib import Path
+
+import jax
+
+import hitmdp_jax
+from hitmdp_jax.agents import MOPG
+from hitmdp_jax.analysis import causal, tables
+from hitmdp_jax.analysis.embedding_figures import figure5
+from hitmdp_jax.analysis.insight import Insight
+from hitmdp_jax.analysis.insight_figures import causal_figure
+from hitmdp_jax.analysis.option_figures import figure7
+from hitmdp_jax.analysis.perturbation import sentences
+
+
+def main(folder, num_steps=40_960, episodes=4):
+    """Train, analyse and draw into a folder."""
+    env, agent = hitmdp_jax.make_env("halfcheetah", physics="native"), MOPG()
+    key_train, key_record = jax.random.split(jax.random.key(0))
+    train = jax.jit(lambda key: hitmdp_jax.train(agent, env, key, num_steps=num_steps)[0])
+    state = train(key_train)
+    policy = hitmdp_jax.Policy(agent, state.learner.params, state.normalizer)
+
+    insight = Insight(policy, env, key_record, episodes)  # computes what is read, when it is read
+    print("share of the steps:", insight.usage.round(2))
+    print("divergence in nats:", insight.divergence.round(3), sep="\n")
+    tables.show(causal.table(insight.interventions))
+    option = insight.by_usage[0]
+    for sentence in sentences(insight.perturbation.slopes[option], insight.names.actuators):
+        print(f"option {option}: {sentence}")
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, draw in {"figure5": figure5, "figure7": figure7, "causal": causal_figure}.items():
+        draw(insight).savefig(folder / f"{name}.png", dpi=150)
+        print(folder / f"{name}.png")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "runs/analyse_a_run"))

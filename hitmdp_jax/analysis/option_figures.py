@@ -1,0 +1,163 @@
+"""Figures of what options do in time, by the numbers of App. B.2: 6 to 10.
+
+Two figures of the paper are called 5 and two are called 6. `figure5` is the main text's, the
+interpretation of embeddings; the other is what `reproduce compare` draws. `figure6` is App. B.2's,
+durations in training; the main text's composing patterns are `figure7`.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hitmdp_jax.analysis.drawing import lanes, lowest, small_multiples
+from hitmdp_jax.analysis.figures import (
+    label_steps,
+    option_color,
+    option_durations,
+    plain_log,
+    window_sum,
+)
+from hitmdp_jax.analysis.insight import Insight
+from hitmdp_jax.errors import UsageError, out_of_domain
+from hitmdp_jax.learning.options import mean_duration
+
+STRIP_STEPS = 512  # of an episode in Figure 7, as in the paper
+LANE = 0.16  # inches of an option's lane
+Metrics = Mapping[str, np.ndarray]
+
+
+def figure6(metrics: Metrics, title: str) -> Figure:
+    """Draw each option's duration and share of steps in training.
+
+    Args:
+      metrics: of one seed, [1, iterations], as `read_metrics` gives them.
+      title: the figure's title.
+
+    Raises:
+      UsageError: the run has no options, or no iteration yet.
+    """
+    _count_options(metrics, title)
+    return option_durations(dict(metrics), title)
+
+
+def figure7(insight: Insight, number: int = 4) -> Figure:
+    """Draw which options are active in the first 512 steps of some episodes."""
+    episodes = insight.activations[:number]
+    returns, height = insight.trajectories.returns, 0.5 + LANE * insight.num_options
+    figure = Figure(figsize=(6, 0.6 + len(episodes) * height), layout="constrained")
+
+    def draw(n: int, axes: Axes) -> None:
+        lanes(axes, episodes[n], insight.num_options, STRIP_STEPS)
+        axes.set_title(f"run {n + 1}: return {returns[n]:.0f}", loc="left", fontsize="medium")
+
+    panels = small_multiples(figure, len(episodes), 1, draw)
+    longest = max(int(episode.duration.sum()) for episode in episodes)
+    panels[-1].set(xlabel="step", xlim=(0, min(longest, STRIP_STEPS)))
+    figure.supylabel("option")
+    return figure
+
+
+def figure8(runs: Mapping[str, Metrics]) -> Figure:
+    """Draw the durations of several runs' options in training side by side.
+
+    Args:
+      runs: what each run is called -> its metrics of one seed, [1, iterations].
+
+    Raises:
+      UsageError: a run has no options, or no iteration yet.
+    """
+    numbers = {name: _count_options(metrics, name) for name, metrics in runs.items()}
+    columns = min(3, len(runs))
+    rows = -(-len(runs) // columns)
+    figure = Figure(figsize=(1.0 + 3.0 * columns, 1.2 + 2.2 * rows), layout="constrained")
+    names = list(runs)
+
+    def draw(i: int, axes: Axes) -> None:
+        metrics, name = runs[names[i]], names[i]
+        for k in range(numbers[name]):
+            steps, starts = (
+                window_sum(np.nan_to_num(metrics[f"{part}_{k}"]))[0]
+                for part in ("option_steps", "option_activations")
+            )
+            axes.plot(metrics["env_steps"][0], mean_duration(steps, starts), color=option_color(k))
+        axes.set_title(name, fontsize="medium")
+        axes.set(yscale="log")
+        axes.grid(alpha=0.3)
+        plain_log(axes.yaxis)
+
+    for axes in lowest(small_multiples(figure, len(runs), columns, draw), columns):
+        label_steps(axes)
+    figure.supylabel("mean duration (steps)")
+    for k in range(max(numbers.values())):
+        figure.axes[0].plot([], [], color=option_color(k), label=f"option {k}")
+    figure.legend(loc="outside lower center", ncols=2 * columns)
+    return figure
+
+
+figure9 = figure8  # the paper's has harder tasks
+
+
+def figure10(
+    insight: Insight,
+    episode: int = 0,
+    frames: Sequence[np.ndarray] = (),
+    steps: Sequence[int] = (),
+) -> Figure:
+    """Draw how one whole episode is composed of options, with pictures of it if there are any.
+
+    Args:
+      insight: of a policy.
+      episode: which of the recorded episodes.
+      frames: pictures of it, [H, W, 3] each.
+      steps: at which steps of it they were taken, as many.
+
+    Raises:
+      UsageError: there is no such episode.
+    """
+    if not 0 <= episode < len(insight.activations):
+        last = len(insight.activations) - 1
+        raise out_of_domain("episode", episode, f"a whole number from 0 to {last}")
+    drawn, number = insight.activations[episode], insight.num_options
+    strip, film = 0.6 + 1.5 * LANE * number, 1.6 if frames else 0.0
+    figure = Figure(figsize=(7, 0.5 + strip + film), layout="constrained")
+    if frames:
+        grid = figure.add_gridspec(2, len(frames), height_ratios=(film, strip))
+        axes = figure.add_subplot(grid[1, :])
+        for i, (frame, step) in enumerate(zip(frames, steps, strict=True)):
+            _frame(figure.add_subplot(grid[0, i]), frame, step, _option_at(insight, step, episode))
+            axes.axvline(step, color="black", lw=0.8)
+    else:
+        axes = figure.subplots()
+    lanes(axes, drawn, number)
+    returned = insight.trajectories.returns[episode]
+    axes.set(xlabel="step", ylabel="option")
+    axes.set_title(f"episode {episode}: return {returned:.0f}", loc="left", fontsize="medium")
+    return figure
+
+
+def _option_at(insight: Insight, step: int, episode: int) -> int:
+    return int(np.asarray(insight.trajectories.option)[step, episode])
+
+
+def _frame(axes: Axes, frame: np.ndarray, step: int, option: int) -> None:
+    axes.imshow(frame)
+    axes.set(xticks=[], yticks=[])
+    axes.set_title(f"step {step}, option {option}", fontsize="small")
+    for spine in axes.spines.values():
+        spine.set(color=option_color(option), lw=3)
+
+
+def _count_options(metrics: Metrics, name: str) -> int:
+    """Return K.
+
+    Raises:
+      UsageError: the run has no options, or no iteration yet.
+    """
+    if not metrics:
+        raise UsageError(f"The run {name} has no iteration yet.")
+    number = sum(column.startswith("option_steps_") for column in metrics)
+    if not number:
+        raise UsageError(f"The run {name} has no options to look into.")
+    return number

@@ -1,0 +1,166 @@
+"""Every answer about policies of each kind, and every figure of them."""
+
+import io
+
+import jax
+import numpy as np
+import pytest
+
+from hitmdp_jax.agents import DAC, MOPG, PPO
+from hitmdp_jax.analysis import embedding_figures, insight_figures, option_figures
+from hitmdp_jax.analysis.insight import Insight
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.learning.normalization import initial_statistics
+from hitmdp_jax.training.policy import Policy
+from tests.analysis.told import Payment
+
+EMBEDDINGS = ("figure5", "figure12", "figure13", "figure14")
+EPISODES = {
+    "figure7": option_figures.figure7,
+    "figure10": option_figures.figure10,
+    "causal": insight_figures.causal_figure,
+    "transitions": insight_figures.transitions_figure,
+    "divergence": insight_figures.divergence_figure,
+    "clusters": insight_figures.clusters_figure,
+}
+
+
+def insight_of(agent):
+    params = jax.jit(lambda key: agent.init(key, 2, 1).params)(jax.random.key(0))
+    return Insight(Policy(agent, params, initial_statistics(2)), Payment(), jax.random.key(1), 3)
+
+
+def drawn(figure):
+    """Draw a figure; return the letters in it."""
+    figure.savefig(io.BytesIO(), format="svg")
+    texts = [text for axes in figure.axes for text in axes.texts]
+    ticks = [t for axes in figure.axes for t in axes.get_xticklabels() + axes.get_yticklabels()]
+    titles = [axes.get_title(where) for axes in figure.axes for where in ("left", "center")]
+    return [*titles, *(text.get_text() for text in texts + ticks)]
+
+
+@pytest.fixture(scope="module", params=[1, 9])
+def embedded(request):
+    return insight_of(MOPG(num_options=request.param, embedding_size=5, hidden_sizes=(8,)))
+
+
+@pytest.fixture(scope="module")
+def terminating():
+    return insight_of(DAC(num_options=3, hidden_sizes=(8,)))
+
+
+def test_every_answer_is_an_array_of_its_shape(embedded):
+    k, states = embedded.num_options, 3 * Payment.episode_length
+    assert embedded.usage.sum() == pytest.approx(1.0)
+    assert embedded.usage[embedded.by_usage[0]] == embedded.usage.max()
+    assert embedded.durations.shape == (3, k)
+    assert embedded.transitions.shape == embedded.divergence.shape == (k, k)
+    assert embedded.interventions.returns.shape == (4 + k, 3)
+    assert embedded.embeddings.shape == (k, 5)
+    assert embedded.perturbation.actions.shape == (k, 5, 20, 1)
+    assert embedded.attention.shape == (states, k)
+    np.testing.assert_allclose(embedded.attention.sum(axis=1), 1.0, rtol=1e-5)
+    assert embedded.projection.points.shape == (states, 2)
+    assert embedded.terminations is None
+    assert embedded.names.actuators == ("action[0]",)
+
+
+def test_an_answer_is_computed_once(embedded):
+    assert embedded.trajectories is embedded.trajectories
+    assert embedded.interventions is embedded.interventions
+
+
+def test_options_without_embeddings_have_the_rest(terminating):
+    assert terminating.embeddings is terminating.perturbation is terminating.attention is None
+    assert terminating.terminations.shape == (3 * Payment.episode_length, 3)
+    assert terminating.interventions.returns.shape == (7, 3)
+
+
+@pytest.mark.parametrize("name", EMBEDDINGS)
+def test_figures_of_embeddings(name, embedded):
+    text = drawn(getattr(embedding_figures, name)(embedded))
+    assert any("embeddings W" in x for x in text) == (name == "figure12")  # figure5's is above all
+    assert ("action[0]" in text) == (name != "figure12")
+
+
+@pytest.mark.parametrize("name", EPISODES)
+def test_figures_of_episodes(name, embedded):
+    text = drawn(EPISODES[name](embedded))
+    labels = "option 0" if name == "causal" else str(embedded.by_usage[0])
+    assert labels in text
+
+
+def test_attention_and_terminations_are_drawn_where_there_are_any(embedded, terminating):
+    assert "0" in drawn(insight_figures.attention_figure(embedded))
+    assert "2" in drawn(insight_figures.terminations_figure(terminating))
+    with pytest.raises(UsageError, match="DAC has no attention"):
+        insight_figures.attention_figure(terminating)
+    with pytest.raises(UsageError, match="MOPG has no termination functions"):
+        insight_figures.terminations_figure(embedded)
+
+
+@pytest.mark.parametrize("name", EMBEDDINGS)
+def test_what_has_no_embeddings_says_so(name, terminating):
+    with pytest.raises(UsageError, match=f"{name} shows option embeddings, and DAC has none"):
+        getattr(embedding_figures, name)(terminating)
+
+
+def test_one_dimension_is_chosen_or_the_strongest(embedded):
+    slopes, option = embedded.perturbation.slopes, embedded.by_usage[0]
+    strongest = np.abs(slopes[option]).max(axis=1).argmax()
+    text = drawn(embedding_figures.figure13(embedded))
+    assert f"dimension {strongest} of option {option}" in text
+    text = drawn(embedding_figures.figure13(embedded, 0, 2))
+    assert "dimension 2 of option 0" in text
+    assert f"{slopes[0, 2, 0]:+.3f}" in text
+    with pytest.raises(UsageError, match="dimension = 5 must be a whole number from 0 to 4"):
+        embedding_figures.figure13(embedded, 0, 5)
+
+
+def test_sequences_show_every_activation(embedded):
+    figure = option_figures.figure7(embedded)
+    for axes, episode in zip(figure.axes, embedded.activations, strict=True):
+        bars = [path.get_extents() for lane in axes.collections for path in lane.get_paths()]
+        assert sorted((round(b.x0), round(b.width)) for b in bars) == sorted(
+            zip(episode.start.tolist(), episode.duration.tolist(), strict=True)
+        )
+
+
+def test_an_episode_is_drawn_with_pictures(embedded):
+    frames = [np.zeros((4, 6, 3)), np.ones((4, 6, 3))]
+    text = drawn(option_figures.figure10(embedded, 1, frames, (0, 5)))
+    option = embedded.trajectories.option[5, 1]
+    assert f"step 5, option {option}" in text
+    with pytest.raises(UsageError, match="episode = 3 must be a whole number from 0 to 2"):
+        option_figures.figure10(embedded, 3)
+
+
+def test_a_policy_without_options_is_refused():
+    with pytest.raises(UsageError, match=r"PPO has no options to look into\."):
+        insight_of(PPO(hidden_sizes=(8,)))
+
+
+def metrics_of(num_options):
+    steps = 2048 * np.arange(1, 31)[None]
+    metrics = {"env_steps": steps}
+    for k in range(num_options):
+        metrics |= {f"option_steps_{k}": steps, f"option_activations_{k}": steps / (k + 2)}
+    return metrics
+
+
+def test_durations_of_several_runs_stand_side_by_side():
+    figure = option_figures.figure8({"mopg": metrics_of(4), "dac": metrics_of(2)})
+    assert {"mopg", "dac"} <= set(drawn(figure))
+    last = [line.get_ydata()[-1] for line in figure.axes[1].lines if len(line.get_ydata())]
+    assert last == [2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("metrics", "sentence"),
+    [({}, "The run a has no iteration yet"), (metrics_of(0), "The run a has no options")],
+)
+def test_runs_without_durations_say_so(metrics, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        option_figures.figure6(metrics, "a")
+    with pytest.raises(UsageError, match=sentence):
+        option_figures.figure8({"a": metrics})
