@@ -137,7 +137,7 @@ class HitPolicy(GradientAgent):
 
     def attention(self, params: Any, obs: jax.Array, previous: jax.Array) -> jax.Array:
         """Return how much the master attends to each option [..., K] for obs, previous [...]."""
-        network = self.network(params["decoder"]["log_std"].size)
+        network: Any = self.network(params["decoder"]["log_std"].size)
         _, kept = network.apply(
             {"params": params}, obs, previous, method="master", mutable=["intermediates"]
         )

@@ -91,7 +91,7 @@ def intervene(
     """
     seed = int(jax.random.bits(key))
     num_options = number_of_options(policy.agent)
-    plans = schedules(own.option, own.alive, num_options, np.random.default_rng(seed))
+    plans = schedules(np.asarray(own.option), own.alive, num_options, np.random.default_rng(seed))
     stacked = jnp.asarray(np.stack(list(plans.values())), jnp.int32)
     episodes = _returns_and_lengths(policy, env, key, stacked, deterministic)
     mine = own.returns, own.lengths

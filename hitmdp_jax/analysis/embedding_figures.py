@@ -1,11 +1,13 @@
 """Figures of option embeddings, by the paper's numbers: 5 (main text), 12, 13 and 14 (App. B.3)."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from hitmdp_jax.analysis.drawing import annotate, heat_map, number_options
@@ -22,9 +24,10 @@ def figure5(insight: Insight) -> Figure:
     rows, perturbed = _embedded(insight, "figure5")
     option = insight.by_usage[0]
     chosen = strongest(perturbed.slopes[option])[:4]
-    figure = Figure(figsize=(9, 1.6 + ROW * (len(rows) + 2 * num_actuators(perturbed))))
-    figure.set_layout_engine("constrained")
-    top, bottom = figure.subfigures(2, height_ratios=(len(rows) + 5, num_actuators(perturbed) + 6))
+    heights = 1.2 + height(len(rows)), 1.5 + height(num_actuators(perturbed))
+    figure = Figure(figsize=(9, sum(heights)), layout="constrained")
+    parts: Any = figure.subfigures(2, height_ratios=heights)
+    top, bottom = parts
     _embeddings(top.subplots(), rows)
     top.suptitle("(a) option embeddings W")
     bottom.suptitle(f"(b) the dimensions that move actions most under option {option}")
@@ -36,7 +39,7 @@ def figure5(insight: Insight) -> Figure:
 def figure12(insight: Insight) -> Figure:
     """Draw all embeddings, and the cosines of the angles between them."""
     rows, _ = _embedded(insight, "figure12", perturb=False)
-    figure = Figure(figsize=(9, 1.6 + 1.6 * ROW * len(rows)), layout="constrained")
+    figure = Figure(figsize=(9, 0.8 + 1.6 * height(len(rows))), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3.2, 1))
     _embeddings(left, rows)
     left.set_title("option embeddings W")
@@ -62,7 +65,9 @@ def figure13(insight: Insight, option: int | None = None, dimension: int | None 
     option = _in_range("option", insight.by_usage[0] if option is None else option, len(rows))
     first = strongest(perturbed.slopes[option])[0]
     dimension = _in_range("dimension", first if dimension is None else dimension, rows.shape[1])
-    figure = Figure(figsize=(5.5, 1.6 + 1.2 * ROW * num_actuators(perturbed)), layout="constrained")
+    figure = Figure(
+        figsize=(5.5, 1.2 + 1.3 * height(num_actuators(perturbed))), layout="constrained"
+    )
     panels = [figure.subplots()]
     _effects(figure, panels, perturbed, [(option, dimension)], insight.names.actuators)
     panels[0].set_title(f"dimension {dimension} of option {option}")
@@ -80,14 +85,15 @@ def figure14(insight: Insight, options: Sequence[int] | None = None) -> Figure:
       UsageError: there are no embeddings, or no such option.
     """
     rows, perturbed = _embedded(insight, "figure14")
-    options = insight.by_usage[:2] if options is None else options
-    chosen = [_in_range("option", option, len(rows)) for option in options]
+    wanted = insight.by_usage[:2] if options is None else options
+    chosen = [_in_range("option", option, len(rows)) for option in wanted]
     pairs = [(k, e) for k in chosen for e in np.argsort(-np.abs(rows[k]), kind="stable")[:3]]
-    height = 0.8 + len(chosen) * (0.8 + ROW * num_actuators(perturbed))
-    figure = Figure(figsize=(9, height), layout="constrained")
+    row = 1.0 + height(num_actuators(perturbed))
+    figure = Figure(figsize=(9, row * len(chosen)), layout="constrained")
     grid = figure.subplots(len(chosen), len(pairs) // len(chosen), sharey=True, squeeze=False)
-    _effects(figure, grid.ravel(), perturbed, pairs, insight.names.actuators)
-    for axes, (k, e) in zip(grid.ravel(), pairs, strict=True):
+    panels = list(grid.ravel())
+    _effects(figure, panels, perturbed, pairs, insight.names.actuators)
+    for axes, (k, e) in zip(panels, pairs, strict=True):
         axes.set_title(f"option {k}, dim {e}: W = {rows[k, e]:+.2f}", fontsize="small")
     return figure
 
@@ -95,6 +101,11 @@ def figure14(insight: Insight, options: Sequence[int] | None = None) -> Figure:
 def num_actuators(perturbed: Perturbation) -> int:
     """Return A."""
     return perturbed.actions.shape[-1]
+
+
+def height(rows: int) -> float:
+    """Return inches for the rows of a heat map: enough for its colour bar's numbers."""
+    return ROW * max(rows, 5)
 
 
 def _embedded(insight: Insight, name: str, perturb: bool = True) -> tuple[np.ndarray, Perturbation]:
@@ -115,7 +126,7 @@ def _embeddings(axes: Axes, rows: np.ndarray) -> None:
     image = heat_map(axes, rows, signed=True)
     number_options(axes, len(rows), "y")
     axes.set(xlabel="dimension", ylabel="option")
-    axes.figure.colorbar(image, ax=axes, pad=0.01)
+    axes.figure.colorbar(image, ax=axes, pad=0.01, ticks=MaxNLocator(4))
 
 
 def _effects(
@@ -134,8 +145,8 @@ def _effects(
         image = _effect(axes, perturbed.shifts, move, limit, perturbed.slopes[k, e], actuators)
         axes.set_title(f"dimension {e}")
     assert image is not None
-    label = "change of the mean action"
-    figure.colorbar(image, ax=list(panels), label=label, pad=0.02)
+    label = "change of the\nmean action"
+    figure.colorbar(image, ax=list(panels), label=label, pad=0.02, ticks=MaxNLocator(4))
 
 
 def _effect(
@@ -152,7 +163,7 @@ def _effect(
     axes.set_yticks(range(len(actuators)), actuators)
     axes.set(xlabel="shift of W", xticks=(-0.1, 0.0))
     beside = {"transform": axes.get_yaxis_transform(), "va": "center", "fontsize": "small"}
-    axes.text(1.02, -0.9, "slope", **beside)
+    axes.text(1.02, 1.03, "slope", transform=axes.transAxes, fontsize="small")
     for i, slope in enumerate(np.asarray(slopes)):
         axes.text(1.02, i, f"{slope:+.3f}", **beside)
     return image

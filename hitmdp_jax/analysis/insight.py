@@ -75,21 +75,24 @@ class Insight:
         return visited(self.trajectories)
 
     @property
+    def _taken(self) -> tuple[np.ndarray, np.ndarray]:
+        """The options [T, N], and which steps belong to an episode."""
+        return np.asarray(self.trajectories.option), np.asarray(self.trajectories.alive)
+
+    @property
     def activations(self) -> list[options.Activations]:
         """The sequence of activations of each episode."""
-        return options.activations(self.trajectories.option, self.trajectories.alive)
+        return options.activations(*self._taken)
 
     @property
     def durations(self) -> np.ndarray:
         """Each option's mean duration in each episode, [N, K]; NaN where it never ran."""
-        return options.durations(
-            self.trajectories.option, self.trajectories.alive, self.num_options
-        )
+        return options.durations(*self._taken, self.num_options)
 
     @property
     def usage(self) -> np.ndarray:
         """Each option's share of all steps, [K]."""
-        return options.usage(self.trajectories.option, self.trajectories.alive, self.num_options)
+        return options.usage(*self._taken, self.num_options)
 
     @property
     def by_usage(self) -> np.ndarray:
@@ -99,9 +102,7 @@ class Insight:
     @property
     def transitions(self) -> np.ndarray:
         """The share of steps under j among those after one under i, [K, K]."""
-        return options.transition_matrix(
-            self.trajectories.option, self.trajectories.alive, self.num_options
-        )
+        return options.transition_matrix(*self._taken, self.num_options)
 
     @functools.cached_property
     def divergence(self) -> np.ndarray:

@@ -99,8 +99,8 @@ def clusters_figure(insight: Insight) -> Figure:
         if share >= LABELLED and (option == k).any():
             centre = np.median(projection.points[option == k], axis=0)
             axes.text(
-                *centre, f"{k}", color=readable(option_color(k)), ha="center", va="center",
-                fontsize="x-large", fontweight="bold",
+                centre[0], centre[1], f"{k}", color=readable(option_color(k)), fontweight="bold",
+                ha="center", va="center", fontsize="x-large",
                 path_effects=[withStroke(linewidth=3, foreground="white")],
             )  # fmt: skip
     labels = [_component(insight, i) for i in range(2)]

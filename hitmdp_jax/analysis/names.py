@@ -1,6 +1,6 @@
 """What the entries of a task's observations and actions are called in its MuJoCo model."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -58,7 +58,7 @@ def _shown(env: MujocoEnv, size: int) -> list[int]:
     seen = np.asarray(jax.vmap(observe)(drawn))
     forms = np.concatenate([drawn, np.cos(drawn), np.sin(drawn)], axis=1)
     equal = (np.abs(seen[:, :, None] - forms[:, None]) < TOLERANCE).all(axis=0)  # [O, forms]
-    return np.where(equal.any(axis=1), equal.argmax(axis=1), -1).tolist()
+    return np.where(np.any(equal, axis=1), equal.argmax(axis=1), -1).tolist()
 
 
 def position_names(model: mujoco.MjModel) -> list[str]:
@@ -106,7 +106,7 @@ def _joints(model: mujoco.MjModel) -> list[tuple[str, mujoco.mjtJoint]]:
     return [(model.joint(i).name or f"joint {i}", kind) for i, kind in enumerate(kinds)]
 
 
-def _sizes(env: Env) -> tuple[tuple[str, int], tuple[str, int]]:
+def _sizes(env: Any) -> tuple[tuple[str, int], tuple[str, int]]:
     return ("obs", int(env.observation_size)), ("action", int(env.action_size))
 
 

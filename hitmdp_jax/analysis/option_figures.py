@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hitmdp_jax.analysis.drawing import lanes, lowest, small_multiples
+from hitmdp_jax.analysis.drawing import UNKNOWN, lanes, lowest, small_multiples
 from hitmdp_jax.analysis.figures import (
     label_steps,
     option_color,
@@ -43,7 +43,7 @@ def figure6(metrics: Metrics, title: str) -> Figure:
 
 
 def figure7(insight: Insight, number: int = 4) -> Figure:
-    """Draw which options are active in the first 512 steps of some episodes."""
+    """Draw which options are active in the first 512 steps of some episodes; grey: it has ended."""
     episodes = insight.activations[:number]
     returns, height = insight.trajectories.returns, 0.5 + LANE * insight.num_options
     figure = Figure(figsize=(6, 0.6 + len(episodes) * height), layout="constrained")
@@ -53,8 +53,12 @@ def figure7(insight: Insight, number: int = 4) -> Figure:
         axes.set_title(f"run {n + 1}: return {returns[n]:.0f}", loc="left", fontsize="medium")
 
     panels = small_multiples(figure, len(episodes), 1, draw)
-    longest = max(int(episode.duration.sum()) for episode in episodes)
-    panels[-1].set(xlabel="step", xlim=(0, min(longest, STRIP_STEPS)))
+    lengths = [int(episode.duration.sum()) for episode in episodes]
+    end = min(max(lengths), STRIP_STEPS)
+    for axes, length in zip(panels, lengths, strict=True):
+        if length < end:
+            axes.axvspan(length, end, color=UNKNOWN, lw=0)
+    panels[-1].set(xlabel="step", xlim=(0, end))
     figure.supylabel("option")
     return figure
 
@@ -70,9 +74,10 @@ def figure8(runs: Mapping[str, Metrics]) -> Figure:
     """
     numbers = {name: _count_options(metrics, name) for name, metrics in runs.items()}
     columns = min(3, len(runs))
-    rows = -(-len(runs) // columns)
-    figure = Figure(figsize=(1.0 + 3.0 * columns, 1.2 + 2.2 * rows), layout="constrained")
-    names = list(runs)
+    rows, names = -(-len(runs) // columns), list(runs)
+    legend = -(-max(numbers.values()) // (2 * columns))  # its rows
+    height = 1.0 + 2.2 * rows + 0.22 * legend
+    figure = Figure(figsize=(1.0 + 3.0 * columns, height), layout="constrained")
 
     def draw(i: int, axes: Axes) -> None:
         metrics, name = runs[names[i]], names[i]

@@ -88,7 +88,7 @@ def sentences(slopes: ArrayLike, actuators: Sequence[str], most: int = 3) -> lis
     slopes = np.asarray(slopes)
     said = []
     for dimension in strongest(slopes)[:most]:
-        actuator = np.abs(slopes[dimension]).argmax()
+        actuator = int(np.abs(slopes[dimension]).argmax())
         by = slopes[dimension, actuator]
         said.append(f"dimension {dimension} moves {actuators[actuator]} by {by:+.2g} a unit")
     return said

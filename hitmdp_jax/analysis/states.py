@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from hitmdp_jax.agents.hit_policy import HitPolicy
@@ -41,7 +42,9 @@ def attention(policy: Policy, states: States) -> jax.Array | None:
     agent = policy.agent
     if not isinstance(agent, HitPolicy):
         return None
-    return agent.attention(policy.params, policy.normalized(states.obs), states.previous)
+    return agent.attention(
+        policy.params, policy.normalized(states.obs), jnp.asarray(states.previous)
+    )
 
 
 @jax.jit

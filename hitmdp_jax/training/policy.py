@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
+from jax.typing import ArrayLike
 
 from hitmdp_jax.agents import AGENTS, Agent
 from hitmdp_jax.agents.base import check_hyperparameters
@@ -54,7 +55,7 @@ class Policy(struct.PyTreeNode):
         """Return the policy of one training, by its place among leaves [R, ...]."""
         return jax.tree.map(lambda x: x[number] if np.ndim(x) else x, self)
 
-    def normalized(self, obs: jax.Array) -> jax.Array:
+    def normalized(self, obs: ArrayLike) -> jax.Array:
         """Return raw observations [..., O] as the agent sees them; Raises as `act`."""
         size = self.normalizer.mean.shape[-1]
         if np.shape(obs)[-1:] != (size,):

@@ -192,6 +192,20 @@ def test_executed_options_and_their_probabilities_agree(agent, name):
     assert (np.take_along_axis(probs, option[..., None], axis=-1) > 0).all()
 
 
+def test_actions_can_be_asked_of_every_option_at_once(agent, key):
+    """Of all or of none: what has no options has no policy under one."""
+
+    def means(key):
+        params = agent.init(key, observation_size=5, action_size=2).params
+        every = jnp.arange(getattr(agent, "num_options", 3))
+        policies = agent.policy(params, jnp.ones((7, 1, 5)), every)
+        return None if policies is None else policies.mean()
+
+    found = jax.eval_shape(means, key)
+    number = getattr(agent, "num_options", None)
+    assert (found if number is None else found.shape) == (number and (7, number, 2))
+
+
 def test_rollouts_that_do_not_divide_are_refused(agent):
     if not hasattr(agent, "minibatch_size"):
         agent.check_batch(101)

@@ -63,7 +63,7 @@ def test_a_run_without_options_is_refused(command, without_options, target):
         (["figure7", "{run}", "--seed", "9"], "seed = 9 is not in the run, which holds 3 to 4."),
         (["figure6", "{run}", "--seed", "9"], "seed = 9 is not in the run, which holds 3 to 4."),
         (["figure7", "{run}", "--episodes", "0"], "episodes = 0 must be a positive whole number."),
-        (["figure7", "{run}", "--checkpoint", "7"], "'7'"),
+        (["figure7", "{run}", "--checkpoint", "7"], "holds no checkpoint 7; it holds 4"),
         (["figure7", "{run}", "{run}"], "Unrecognized arguments"),
         (["terminations", "{run}"], "MOPG has no termination functions to draw."),
     ],
