@@ -26,7 +26,7 @@ def remember(memory: jax.Array, option: jax.Array, num_options: int, order: int)
 
     Of order 1 it is the option itself; in general o_{t-1} + K o_{t-2} + K^2 o_{t-3} + ...
     """
-    return (option + num_options * memory) % num_options**order
+    return option if order == 1 else (option + num_options * memory) % num_options**order
 
 
 class HitNetwork(nn.Module):
@@ -172,7 +172,7 @@ class HitPolicy(GradientAgent):
 
     def previous_option(self, memory: jax.Array) -> jax.Array:
         """Return o_{t-1}."""
-        return memory % self.num_options
+        return memory if self.value_order == 1 else memory % self.num_options
 
     def act(
         self,

@@ -11,11 +11,13 @@ from rich.console import Console
 from rich.table import Table
 
 from hitmdp_jax.analysis.evaluation import ENGINES, Scores, check_request, score
+from hitmdp_jax.commands.policies import checkpoint_named
 from hitmdp_jax.commands.settings import Parser, guarded
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.host import set_up_host
+from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.policy import Policy, load_all, places
 from hitmdp_jax.training.run import Run
 from hitmdp_jax.training.sweep import PREFIX, Training
@@ -51,10 +53,8 @@ def _main() -> None:
     chosen = places(config, options.seed, options.setting)
     engine = config.physics if options.engine is None else options.engine
     check_request(config, engine, options.episodes)
-    number = options.checkpoint.isascii() and options.checkpoint.isdecimal()
-    which = int(options.checkpoint) if number else options.checkpoint
     set_up_host(engine if engine != "gymnasium" else config.physics, options.episodes)
-    iteration, everyone = load_all(options.run_dir, which)
+    iteration, everyone = load_all(options.run_dir, checkpoint_named(options.checkpoint))
     rows = []
     for place in chosen:
         training = config.trainings[place]
@@ -130,3 +130,6 @@ class Evaluation:
             rows.append(row(scores, progress.iteration, training, config.physics, True))
         append(self._run_dir, rows)
         return {"evaluation_return": np.array([entry["return"] for entry in rows])}
+
+    def close(self, stop: StopRequest) -> None:
+        """Nothing is under way between two calls."""

@@ -13,6 +13,7 @@ from hitmdp_jax.analysis.directed import number_of_options
 from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
+from hitmdp_jax.commands.policies import checkpoint_named
 from hitmdp_jax.commands.settings import Parser
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
@@ -94,8 +95,7 @@ def insight_of(
         raise UsageError(f"'{run_dir}' was saved from Python and names no task.")
     (place, *_) = places(config, config.seed if seed is None else seed)
     set_up_host(config.physics, episodes * (number + WITHOUT_EACH_OPTION))
-    numbered = checkpoint.isascii() and checkpoint.isdecimal()
-    iteration, everyone = load_all(run_dir, int(checkpoint) if numbered else checkpoint)
+    iteration, everyone = load_all(run_dir, checkpoint_named(checkpoint))
     task = config.tasks[(iteration - 1) // config.iterations]
     key = jax.random.key(config.trainings[place].seed + SEED_OFFSET)
     env = make_env(**task, physics=config.physics)

@@ -1,0 +1,67 @@
+"""Export a policy: `python -m hitmdp_jax.export RUN_DIR --format onnx`.
+
+Writes the deterministic policy, with its observation normaliser, as a program that needs nothing of
+this package, and beside it a contract in JSON: names, shapes and types of what goes in and comes
+out, the range of actions and the seconds between two of them.
+"""
+
+import json
+from pathlib import Path
+
+from brax.envs.base import Env
+
+from hitmdp_jax.analysis.evaluation import check_fit
+from hitmdp_jax.analysis.export import FORMATS, check_format, export
+from hitmdp_jax.commands.policies import Chosen, add_choice, load_chosen
+from hitmdp_jax.commands.settings import Parser, guarded
+from hitmdp_jax.envs import make_env
+from hitmdp_jax.envs.brax_tasks import BRAX
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.folder import made
+from hitmdp_jax.training.host import set_up_host
+
+FOLDER = "export"  # in a run's folder
+
+
+def main() -> None:
+    """Run the command line."""
+    guarded(_main)
+
+
+def _main() -> None:
+    parser = Parser(prog="python -m hitmdp_jax.export", description=__doc__)
+    add_choice(parser)
+    parser.add_argument("--format", default=FORMATS[0], help=f"{' or '.join(FORMATS)}; onnx")
+    parser.add_argument("--out", type=Path, help="the file; RUN_DIR/export/policy_STEPS.FORMAT")
+    options = parser.parse_args()
+    check_format(options.format)
+    config = RunConfig.load(options.run_dir)
+    set_up_host(config.physics, 1)
+    choice = load_chosen(options)
+    env = task_of(choice) if config.tasks else None
+    program, contract = export(choice.policy, env, options.format)
+    default = options.run_dir / FOLDER / f"policy_{choice.name}.{options.format}"
+    path = options.out or default
+    made(path.parent)
+    path.write_bytes(program)
+    origin = {
+        "task": choice.task if config.tasks else None,
+        "algorithm": config.algo["name"],
+        **choice.training.columns,
+        "env_steps": choice.env_steps,
+    }
+    beside = path.with_name(f"{path.name}.json")
+    beside.write_text(json.dumps(origin | contract, indent=2) + "\n")
+    print(f"Saved {path}, and {beside.name} beside it.")
+
+
+def task_of(choice: Chosen) -> Env:
+    """Make the task that a policy learned on, by the engine that is the first to be ready.
+
+    Raises:
+      UsageError: the policy does not fit it.
+    """
+    engine = "mjx" if choice.task["name"].startswith(BRAX) else "native"
+    env = make_env(**choice.task, physics=engine)
+    check_fit(choice.policy, env)
+    return env

@@ -1,0 +1,60 @@
+"""How a command line names one policy of a run."""
+
+import argparse
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hitmdp_jax.commands.settings import Parser
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.policy import Policy, load_all, places
+from hitmdp_jax.training.sweep import Training
+
+
+class Chosen(NamedTuple):
+    """One policy of a run."""
+
+    config: RunConfig
+    training: Training
+    iteration: int  # of the checkpoint
+    policy: Policy
+    name: str  # for files: the environment steps, and what the command line named
+
+    @property
+    def env_steps(self) -> int:
+        """Environment steps that the policy learned from."""
+        return self.config.steps_after(self.iteration)
+
+    @property
+    def task(self) -> dict[str, Any]:
+        """The task that the run was on, as `make_env` takes it; the run names one."""
+        place = (self.iteration - 1) // self.config.iterations
+        return self.config.tasks[min(place, len(self.config.tasks) - 1)]
+
+
+def add_choice(parser: Parser) -> None:
+    """Let a command line name a run, and a training and a checkpoint of it."""
+    parser.add_argument("run_dir", type=Path, help="a run's folder")
+    parser.add_argument("--seed", type=int, default=None, help="one of the run's seeds; the first")
+    parser.add_argument("--setting", type=int, default=None, help="one of a sweep's settings; 0")
+    parser.add_argument("--checkpoint", default="newest", help="newest, best, or an iteration")
+
+
+def load_chosen(options: argparse.Namespace) -> Chosen:
+    """Read the policy that a command line names.
+
+    Raises:
+      UsageError: the folder holds no run, or no such seed, setting or checkpoint.
+    """
+    config = RunConfig.load(options.run_dir)
+    seed = config.seed if options.seed is None else options.seed
+    (place,) = places(config, seed, options.setting or 0)
+    iteration, everyone = load_all(options.run_dir, checkpoint_named(options.checkpoint))
+    named = {"seed": options.seed, "setting": options.setting}
+    parts = [f"{name}{number}" for name, number in named.items() if number is not None]
+    name = "_".join([str(config.steps_after(iteration)), *parts])
+    return Chosen(config, config.trainings[place], iteration, everyone.of(place), name)
+
+
+def checkpoint_named(text: str) -> int | str:
+    """Return a checkpoint as `load_all` takes it: an iteration, or a word."""
+    return int(text) if text.isascii() and text.isdecimal() else text
