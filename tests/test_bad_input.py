@@ -19,7 +19,7 @@ import yaml
 import hitmdp_jax
 from hitmdp_jax.agents import AHP, DAC, IOPG, MOPG, OC, PPO, PPOC
 from hitmdp_jax.analysis.evaluation import score
-from hitmdp_jax.commands import arms, evaluate, reproduce, train
+from hitmdp_jax.commands import arms, evaluate, export, reproduce, train, video
 from hitmdp_jax.envs.toy.turkey import Turkey
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training import loop
@@ -106,6 +106,9 @@ TRAIN = [
     ("checkpoint_steps=0", "checkpoint_steps = 0 must be a positive whole number"),
     ("eval_every=-1", "eval_every = -1 must be a whole number from 0"),
     ("eval_episodes=0", "eval_episodes = 0 must be a positive whole number"),
+    ("video_every=-1", "video_every = -1 must be a whole number from 0"),
+    ("video_every=5 env=toy/turkey", "toy/turkey cannot be filmed: it has no MuJoCo model."),
+    ("video_every=5 env=brax/ant", "brax/ant cannot be filmed: it has no MuJoCo model."),
     # Hyperparameters
     ("algo.learning_rate=fast", "algo.learning_rate = fast must be a number"),
     ("algo.learning_rate=inf", "learning_rate = inf must be a finite number from 0"),
@@ -276,6 +279,27 @@ EVALUATE = [
     ("other_seeds", "does not fit the algorithm and seeds"),
     ("other_env", "its last axis must be 2 long"),
     ("from_python", "names no task"),
+    *FOLDERS,
+]
+
+VIDEO = [
+    ("run", "toy/turkey cannot be filmed: it has no MuJoCo model."),
+    ("run --episodes 0", "episodes = 0 must be a positive whole number"),
+    ("run --engine gym", "Unknown physics 'gym'"),
+    ("run --engine ''", "Unknown physics ''"),
+    ("from_python", "names no task"),
+    *FOLDERS,
+]
+
+EXPORT = [
+    ("run --format onx", "Unknown format 'onx'; did you mean 'onnx'?"),
+    ("run --out run", "'run' cannot be used: Is a directory."),
+    ("run more", "more"),
+    ("run --seed 9", "seed = 9 is not in the run"),
+    ("run --setting 1", "setting = 1 is not in the run"),
+    ("run --checkpoint 7", "holds no checkpoint 7"),
+    ("misfit", "does not fit the algorithm"),
+    ("other_env", "its last axis must be 2 long"),
     *FOLDERS,
 ]
 
@@ -611,7 +635,7 @@ def unchanged(workspace, monkeypatch):
     monkeypatch.setattr(loop, "prepare", trained)
     monkeypatch.setattr(arms, "train", trained)
     monkeypatch.setattr(reproduce.theorems, "sample_models", trained)
-    for command in (train, evaluate):
+    for command in (train, evaluate, video, export):
         monkeypatch.setattr(command, "set_up_host", lambda *args: None)
     before = contents(workspace)
     yield
@@ -661,6 +685,18 @@ def test_resume(name, part, monkeypatch, capsys):
 @pytest.mark.parametrize(("arguments", "part"), EVALUATE, ids=[row[0] for row in EVALUATE])
 def test_evaluate(arguments, part, monkeypatch, capsys):
     assert_explained(evaluate, arguments, part, monkeypatch, capsys)
+
+
+@pytest.mark.usefixtures("unchanged")
+@pytest.mark.parametrize(("arguments", "part"), VIDEO, ids=[row[0] for row in VIDEO])
+def test_video(arguments, part, monkeypatch, capsys):
+    assert_explained(video, arguments, part, monkeypatch, capsys)
+
+
+@pytest.mark.usefixtures("unchanged")
+@pytest.mark.parametrize(("arguments", "part"), EXPORT, ids=[row[0] for row in EXPORT])
+def test_export(arguments, part, monkeypatch, capsys):
+    assert_explained(export, arguments, part, monkeypatch, capsys)
 
 
 @pytest.mark.usefixtures("unchanged")

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
@@ -148,6 +149,13 @@ def option_durations(metrics: dict[str, np.ndarray], title: str) -> Figure:
     label_steps(usage_axes)
     figure.legend(loc="outside lower center", ncols=4)
     return figure
+
+
+def pixels(figure: Figure) -> np.ndarray:
+    """Return a figure as a picture [height, width, 4], 8 bits a colour."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())
 
 
 def draw_figures(

@@ -21,6 +21,7 @@ from hitmdp_jax.commands.settings import (
     guarded,
     run_config,
 )
+from hitmdp_jax.commands.tensorboard import OptionFigures
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, exit_with, unknown_name
 from hitmdp_jax.training.checkpoint import saved_iterations
@@ -126,6 +127,10 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     else:
         config = run_config(values)
         find_engine(config.physics).check()
+        if config.video_every:
+            from hitmdp_jax.commands.video import check_filming
+
+            check_filming(config)
         if go_on and run_dir is not None and already_there(run_dir, config):
             resume = run_dir
         else:
@@ -144,7 +149,11 @@ def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
     from hitmdp_jax.training import loop
 
     set_up_host(config.physics, config.num_envs, len(config.trainings))
-    hooks = []
+    hooks: list[loop.Hook] = [OptionFigures(config, run_dir)]
+    if config.video_every:
+        from hitmdp_jax.commands.video import Videos
+
+        hooks.append(Videos(config, run_dir))
     if config.eval_every:
         from hitmdp_jax.commands.evaluate import Evaluation
 

@@ -29,10 +29,11 @@ WHOLE = {  # name -> the least value
     "checkpoint_steps": 1,
     "eval_every": 0,
     "eval_episodes": 1,
+    "video_every": 0,
     "seed": 0,
 }
 WANDB = ("off", "program", "seed")
-BESIDE_THE_POINT = ("checkpoint_steps", "eval_every", "eval_episodes", "wandb")
+BESIDE_THE_POINT = ("checkpoint_steps", "eval_every", "eval_episodes", "video_every", "wandb")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +55,7 @@ class RunConfig:
     checkpoint_steps: int = 250_000
     eval_every: int = 0
     eval_episodes: int = 20
+    video_every: int = 0
     wandb: str = "off"
     second_env: dict[str, Any] | None = None  # the task a transfer switches to
     sweep: dict[str, Any] | None = None

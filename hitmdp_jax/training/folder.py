@@ -77,7 +77,7 @@ def claim(run_dir: Path | None, config: RunConfig, overwrite: bool = False) -> P
 
 def clear(folder: Path) -> None:
     """Remove what a run leaves in its folder, and nothing else."""
-    for name in ("checkpoints", "figures", "settings", "wandb"):
+    for name in ("checkpoints", "figures", "settings", "videos", "wandb"):
         shutil.rmtree(folder / name, ignore_errors=True)
     for pattern in ("metrics.csv", "evaluations.csv", "sweep.*", "events.out.tfevents.*", CONFIG):
         for path in folder.glob(pattern):

@@ -46,6 +46,10 @@ class Hook(Protocol):
         """Return metrics [S] by name."""
         ...
 
+    def close(self, stop: StopRequest) -> None:
+        """End what is under way: the run has ended, early if `stop` was requested."""
+        ...
+
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
@@ -76,6 +80,8 @@ def run(
     with ExitStack() as stack:
         stack.enter_context(locked(run_dir))
         stop = stack.enter_context(StopRequest())
+        for hook in hooks:
+            stack.callback(hook.close, stop)
         run = Run.create(config)
         checkpoints = Checkpoints(run_dir)
         stack.callback(checkpoints.close)

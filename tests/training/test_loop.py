@@ -47,11 +47,15 @@ class Every:
 
     def __init__(self, every, action=lambda progress: None):
         self.every, self.action, self.seen = every, action, []
+        self.closed = []  # whether the run ended early, once it has ended
 
     def __call__(self, run, progress):
         self.action(progress)
         self.seen.append(progress.iteration)
         return {"calls": np.full(run.config.seeds, float(len(self.seen)))}
+
+    def close(self, stop):
+        self.closed.append(stop.requested)
 
 
 @pytest.fixture
@@ -153,6 +157,7 @@ def test_a_run_ends_with_everything_in_its_folder(trained, tmp_path, capsys):
     hook = Every(2048)
     outcome = trained(hook)
     assert outcome == loop.Outcome(4 * 2048, True, None, {}, None)
+    assert hook.closed == [False]
     assert RunConfig.load(tmp_path) == CONFIG
     assert saved_iterations(tmp_path) == [4]
     rows = rows_of(tmp_path)
@@ -167,6 +172,7 @@ def test_a_request_stops_the_run_which_saves_and_goes_on_later(trained, tmp_path
     asks = Every(2 * 2048, lambda progress: os.kill(os.getpid(), signal.SIGTERM))
     stopped = trained(asks)
     assert stopped == loop.Outcome(2 * 2048, False, signal.SIGTERM, {}, None)
+    assert asks.closed == [True]
     assert saved_iterations(tmp_path) == [2]
     assert [row["iteration"] for row in rows_of(tmp_path)] == ["1", "2"]
     assert trained(resume=True).finished

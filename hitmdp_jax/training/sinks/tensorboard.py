@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from tensorboardX.event_file_writer import EventsWriter
 from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore
-from tensorboardX.summary import scalar
+from tensorboardX.summary import image, scalar
 
 from hitmdp_jax.training.sinks.base import Values, columns
 from hitmdp_jax.training.sweep import Training, label
@@ -71,6 +71,24 @@ class TensorboardSink:
         """Flush and close the files."""
         for writer in self._writers:
             writer.close()
+
+
+def write_picture(folder: Path, name: str, picture: np.ndarray, env_steps: int) -> None:
+    """Write a picture, which TensorBoard shows in a run named by the folder, beside the metrics'.
+
+    TensorBoard reads the newest of a folder's files alone, and that of the metrics still grows.
+
+    Args:
+      folder: where the event goes.
+      name: the picture's name; those of one name are shown as a sequence.
+      picture: [height, width, 3 or 4], 8 bits a colour.
+      env_steps: the picture's place in the sequence.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    # Files are named by the second, and read in their names' order.
+    writer = EventsWriter(str(folder / "events"), f".{env_steps:013}")
+    _write(writer, Event(summary=image(name, picture, dataformats="HWC"), step=env_steps))
+    writer.close()
 
 
 def _point(writer: EventsWriter, name: str, value: np.floating, env_steps: int) -> None:

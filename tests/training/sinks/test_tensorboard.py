@@ -2,6 +2,7 @@ import numpy as np
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from hitmdp_jax.training.sinks import TensorboardSink
+from hitmdp_jax.training.sinks.tensorboard import write_picture
 from hitmdp_jax.training.sweep import Training
 from tests.probes import trainings
 
@@ -61,3 +62,11 @@ def test_settings_that_are_rounded_alike_do_not_share_a_file(tmp_path):
     folders = sorted((tmp_path / "settings").iterdir())
     events = [EventAccumulator(str(folder)).Reload() for folder in folders]
     assert [e.Scalars("a_metric/mean")[0].value for e in events] == [1.0, 2.0]
+
+
+def test_pictures_of_one_name_are_a_sequence(tmp_path):
+    for i, shade in enumerate((0, 255), start=1):
+        write_picture(tmp_path / "a", "a_picture", np.full((4, 6, 3), shade, np.uint8), 2048 * i)
+    pictures = EventAccumulator(str(tmp_path / "a")).Reload().Images("a_picture")
+    assert [(p.step, p.height, p.width) for p in pictures] == [(2048, 4, 6), (4096, 4, 6)]
+    assert pictures[0].encoded_image_string != pictures[1].encoded_image_string

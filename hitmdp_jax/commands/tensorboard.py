@@ -1,0 +1,44 @@
+"""Figures in TensorBoard while a run goes on."""
+
+import sys
+from pathlib import Path
+
+from hitmdp_jax.training.checkpoint import Progress
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.interrupt import StopRequest
+from hitmdp_jax.training.run import Run
+from hitmdp_jax.training.sinks import Values
+from hitmdp_jax.training.sinks.tensorboard import write_picture
+
+
+class OptionFigures:
+    """Shows the options' usage and durations so far in TensorBoard, whenever a run saves by plan.
+
+    Args:
+      config: the run's settings.
+      run_dir: the run's folder; TensorBoard calls the figures' run `figures`.
+    """
+
+    names = ()
+
+    def __init__(self, config: RunConfig, run_dir: Path):
+        self.every = config.checkpoint_steps
+        self._title, self._run_dir = config.title, run_dir
+
+    def __call__(self, run: Run, progress: Progress) -> Values:
+        """Draw a figure, and return no metric."""
+        # Matplotlib takes a second to import, in which the training could have started.
+        from hitmdp_jax.analysis.figures import option_durations, pixels, read_metrics
+
+        try:
+            metrics = read_metrics(self._run_dir)
+            if "option_steps_0" in metrics:
+                picture = pixels(option_durations(metrics, self._title))
+                env_steps = run.config.steps_after(progress.iteration)
+                write_picture(self._run_dir / "figures", "option_durations", picture, env_steps)
+        except OSError as error:  # a full disk ends no training
+            print(f"warning: no figure in TensorBoard: {error}", file=sys.stderr)
+        return {}
+
+    def close(self, stop: StopRequest) -> None:
+        """Nothing is under way between two calls."""
