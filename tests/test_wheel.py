@@ -44,6 +44,7 @@ run("train", *settings, "total_steps=2048", "run_dir=a run")
 assert "± " not in run("evaluate", "a run", "--episodes", "2", "--json")
 hitmdp_jax.load("a run")
 assert "theory" in run("reproduce", "--help")
+assert "report.html" in run("report", "a run")
 print("done")
 """
 

@@ -41,7 +41,7 @@ def train_arms(arms: Mapping[str, Sequence[str]], folder: Path) -> int:
             continue
         name = str(run_dir).replace("'", r"\'")  # quoted: an arm's name may hold a comma
         where = [f"resume='{name}'"] if known[arm] else [*arms[arm], f"run_dir='{name}'"]
-        code = train(where)
+        code = train([*where, "report=false"])  # what arms are trained for reports on all of them
         if code > 128:
             print(f"Stopped in {arm}. The same command with run_dir={folder} goes on from there.")
             return code

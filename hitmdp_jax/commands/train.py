@@ -37,7 +37,7 @@ from hitmdp_jax.training.folder import (
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import InterruptedRunError
 
-RESUMABLE = ("resume", "total_steps")  # what may stand on a command line that resumes a run
+RESUMABLE = ("resume", "total_steps", "report")  # what may be set where a run is resumed
 MULTIRUN = ("-m", "--multirun")
 FLAGS = (*MULTIRUN, "-h", "--help", "--hydra-help", "--version", "--cfg=job", "--cfg=all", "--info")
 SHOWN = 10  # settings of a sweep, the best; sweep.csv has all
@@ -99,7 +99,8 @@ def _sweep_folder(settings: Settings) -> Path:
     jobs = [settings.values(job) for job in settings.jobs()]
     for values in jobs:
         run_config(values)
-        flag_setting(values, "overwrite")
+        for flag in ("overwrite", "report"):
+            flag_setting(values, flag)
         if values["resume"] is not None:
             raise UsageError("resume goes on with one run: leave -m out.")
     if len({str(values["run_dir"]) for values in jobs}) > 1:
@@ -120,7 +121,7 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
       UsageError: a setting or a folder is unusable.
     """
     run_dir, resume = folder_setting(values), folder_setting(values, "resume")
-    overwrite = flag_setting(values, "overwrite")
+    overwrite, report = (flag_setting(values, name) for name in ("overwrite", "report"))
     if resume is not None:
         run_dir = newest() if str(resume) == "latest" else resume
         config = _resumed(run_dir, names, values["total_steps"])
@@ -141,11 +142,11 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
             f"{run_dir} is finished: {config.env_steps:,} env steps. A larger total_steps goes on."
         )
         return 0
-    return _run(config, run_dir, resume=bool(resume and saved_iterations(run_dir)))
+    return _run(config, run_dir, bool(resume and saved_iterations(run_dir)), report)
 
 
-def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
-    """Train, draw what was learned and say how it ended."""
+def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
+    """Train, draw what was learned, report it and say how it ended."""
     from hitmdp_jax.training import loop
 
     set_up_host(config.physics, config.num_envs, len(config.trainings))
@@ -188,6 +189,13 @@ def _run(config: RunConfig, run_dir: Path, resume: bool) -> int:
     if outcome.signum:
         print(f"resume={run_dir} goes on exactly from there.")
         return 128 + outcome.signum
+    if report:
+        from hitmdp_jax.commands.report import write
+
+        try:
+            write(run_dir, config)
+        except (UsageError, OSError) as error:
+            print(f"warning: the report could not be written: {error}", file=sys.stderr)
     return DIVERGED if outcome.diverged else 0
 
 

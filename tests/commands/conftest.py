@@ -22,6 +22,7 @@ from tests.signals import signals_heard
 
 CHECKOUT = Path(__file__).parents[2]
 SMALL = tuple(f"algo.{name}={x}" for name, x in probes.QUICK["algo"].items() if name != "name")
+SMALL += ("report=false",)
 QUICK = ("env=invertedpendulum", "physics=native", "algo=ppo", *SMALL)
 FINISHED = ("env=invertedpendulum", "physics=native", *SMALL, "seeds=2", "seed=3")
 FINISHED += ("eval_every=4096", "eval_episodes=2")

@@ -46,7 +46,7 @@ def test_a_run_killed_twenty_times_ends_as_if_it_had_not_been(start, command, tm
         process.kill()
         _, errors = process.communicate()
         assert "Traceback" not in errors
-        process = start("train", f"resume={killed}")
+        process = start("train", f"resume={killed}", "report=false")
     _, errors = process.communicate(timeout=1500)
     assert process.returncode == 0, errors
     print(f"{KILLS} kills, {while_writing} of them while a checkpoint was written")
@@ -115,7 +115,7 @@ def test_a_full_disk_ends_nothing_that_was_saved(start, command, small_disk):
     assert "Traceback" not in errors
     kept = saved_iterations(run_dir)
     (small_disk / "ballast").unlink()
-    again = command("train", f"resume={run_dir}")
+    again = command("train", f"resume={run_dir}", "report=false")
     assert again.returncode == 0, again.stderr
     assert kept == [] or max(saved_iterations(run_dir)) == 10
     assert len(rows_of(run_dir)) == 10
@@ -130,6 +130,6 @@ def test_what_is_killed_before_its_first_checkpoint_starts_again(start, command,
     process.kill()
     process.communicate()
     shutil.rmtree(run_dir / "checkpoints", ignore_errors=True)
-    result = command("train", f"resume={run_dir}")
+    result = command("train", f"resume={run_dir}", "report=false")
     assert result.returncode == 0, result.stderr
     assert len(rows_of(run_dir)) == 2

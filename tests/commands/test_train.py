@@ -93,7 +93,7 @@ def test_resuming_continues_exactly(command, finished, tmp_path):
     run_dir = shutil.copytree(finished[0], tmp_path / "run")
     whole = tmp_path / "whole"
     assert command("train", *FINISHED, "total_steps=16384", f"run_dir={whole}").returncode == 0
-    result = command("train", f"resume={run_dir}", "total_steps=16384")
+    result = command("train", f"resume={run_dir}", "total_steps=16384", "report=false")
     assert result.returncode == 0, result.stderr
     assert restore(run_dir).iteration == 8
     assert_same_run(whole, run_dir)
@@ -126,7 +126,7 @@ def test_a_transfer_switches_tasks_and_resumes_on_either_side(command, tmp_path)
         for iteration in saved_iterations(part):
             if iteration > last:
                 shutil.rmtree(part / "checkpoints" / str(iteration))
-        again = command("train", f"resume={part}")
+        again = command("train", f"resume={part}", "report=false")
         assert again.returncode == 0, again.stderr
         assert_same_run(whole, part)
     moved = command("train", f"resume={whole}", "total_steps=8192")
@@ -230,10 +230,12 @@ def test_own_task_and_algorithm_train_resume_evaluate_and_load(command, tmp_path
         names[path] = f"{path.name}:{_class_in(path)}"
     run_dir = tmp_path / "run"
     settings = (f"env={names[task]}", f"algo={names[algo]}", "physics=native", "total_steps=2048")
+    settings += ("report=false",)
     result = command("train", *settings, f"run_dir={run_dir}", "algo.gamma=0.9", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert RunConfig.load(run_dir).algo["gamma"] == 0.9
-    resumed = command("train", f"resume={run_dir}", "total_steps=4096")  # from another folder
+    more = (f"resume={run_dir}", "total_steps=4096", "report=false")
+    resumed = command("train", *more)  # from another folder
     assert resumed.returncode == 0, resumed.stderr
     scored = command("evaluate", run_dir, "--episodes", "2", "--json")
     assert scored.returncode == 0, scored.stderr

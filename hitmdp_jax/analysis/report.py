@@ -1,0 +1,382 @@
+"""One page about a run, or about several: everything it needs is in it."""
+
+import base64
+import dataclasses
+import functools
+import importlib.metadata
+import json
+import platform
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jinja2
+import numpy as np
+import plotly.graph_objects as go
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from hitmdp_jax.analysis import ablation, causal, plots
+from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
+from hitmdp_jax.analysis.figures import option_color, read_metrics
+from hitmdp_jax.analysis.insight import Insight
+from hitmdp_jax.analysis.perturbation import sentences, strongest
+from hitmdp_jax.analysis.states import cosine_similarities
+from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number
+from hitmdp_jax.analysis.sweeps import rank
+from hitmdp_jax.analysis.sweeps import table as sweep_table
+from hitmdp_jax.analysis.tables import Rows
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.sweep import label
+
+PACKAGES = ("hitmdp-jax", "jax", "jaxlib", "flax", "optax", "brax", "mujoco", "mujoco-mjx", "numpy")
+SETTINGS = 7  # of a sweep whose curves are drawn, the best
+CHART = {"responsive": True, "displayModeBar": False}
+
+Parts = Iterator[Markup]
+templates = jinja2.Environment(
+    loader=jinja2.PackageLoader("hitmdp_jax.analysis"),
+    autoescape=True,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """A part of the page: a question and what answers it."""
+
+    title: str
+    parts: list[Markup]
+
+    @property
+    def anchor(self) -> str:
+        """What a link to it names."""
+        return "".join(c if c.isalnum() else "-" for c in self.title.lower()).strip("-")
+
+
+def page(title: str, subtitle: str, sections: Mapping[str, Callable[[], Parts]]) -> str:
+    """Return the page [HTML]; a section that cannot be made is left out, and the page says why.
+
+    Args:
+      title: of the page.
+      subtitle: what stands below it.
+      sections: title -> what makes its parts; it raises UsageError if it cannot.
+    """
+    made, left_out = [], {}
+    for name, make in sections.items():
+        try:
+            made.append(Section(name, list(make())))
+        except UsageError as reason:
+            left_out[name] = str(reason)
+    return templates.get_template("page.html").render(
+        title=title,
+        subtitle=subtitle,
+        sections=made,
+        left_out=left_out,
+        plotly=Markup(get_plotlyjs()),
+    )
+
+
+def chart(shown: go.Figure) -> Markup:
+    """Return a figure as a part of the page."""
+    return Markup(shown.to_html(include_plotlyjs=False, full_html=False, config=CHART))
+
+
+def heading(title: str) -> Markup:
+    """Return what stands above a figure."""
+    return Markup("<h3>{}</h3>").format(title)
+
+
+def text(sentence: str) -> Markup:
+    """Return a paragraph."""
+    return Markup("<p>{}</p>").format(sentence)
+
+
+def preformatted(block: str) -> Markup:
+    """Return a block of text as it stands."""
+    return Markup("<pre>{}</pre>").format(block)
+
+
+def table(rows: Rows) -> Markup:
+    """Return a table, its header first."""
+    return Markup(templates.get_template("table.html").render(rows=rows))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RunReport:
+    """The page about one run.
+
+    Args:
+      run_dir: the run's folder.
+      config: its settings.
+      place: the training whose options are shown, by its place among the run's.
+      insight: makes what that policy's options do; it raises UsageError where there are none.
+      video: writes a video of that policy to a path; it raises UsageError if it cannot.
+    """
+
+    run_dir: Path
+    config: RunConfig
+    place: int
+    insight: Callable[[], Insight]
+    video: Callable[[Path], None]
+
+    def html(self) -> str:
+        """Return the page."""
+        training = self.config.trainings[self.place]
+        subtitle = f"What is said of options is of {training.name}, the one with the median return."
+        sections = {
+            "What was run": self.summary,
+            "What it learned": self.learning,
+            "Options while it learned": self.options_in_training,
+            "When each option acts": self.behaviour,
+            "Do the options differ, and do they matter?": self.causes,
+            "What an embedding means": self.embeddings,
+            "Where each option acts": self.states,
+            "Video": self.film,
+            "Settings": self.settings,
+        }
+        return page(self.config.title, subtitle, sections)
+
+    @functools.cached_property
+    def metrics(self) -> dict[str, np.ndarray]:
+        """The run's metrics [R, iterations].
+
+        Raises:
+          UsageError: there is no whole iteration of them.
+        """
+        metrics = read_metrics(self.run_dir)
+        if not metrics:
+            raise UsageError("The run has no finished iteration.")
+        return metrics
+
+    @functools.cached_property
+    def known(self) -> Insight:
+        """What the policy's options do."""
+        return self.insight()
+
+    def summary(self) -> Parts:
+        """Say what was run, with what, and how it ended."""
+        config, metrics = self.config, self.metrics
+        returns = final_returns(metrics, config.switch_at or 0)
+        low, high = bootstrap_interval(interquartile_mean, returns)
+        done, speed = int(metrics["env_steps"].max()), np.median(metrics["steps_per_second"][0])
+        yield table(
+            [
+                ["", ""],
+                ["command", command(config)],
+                [
+                    "environment steps",
+                    f"{done:,} of {config.env_steps:,} of each of {len(returns)}",
+                ],
+                [
+                    f"return of the last {FINAL_STEPS:,} steps",
+                    f"{number(float(interquartile_mean(returns)))} "
+                    f"[{number(low)}, {number(high)}] (interquartile mean, 95% interval)",
+                ],
+                ["each seed", ", ".join(number(x, ".0f") for x in returns)],
+                ["time", f"about {done / speed / 60:.0f} minutes"],
+                ["made with", ", ".join(versions())],
+            ]
+        )
+
+    def learning(self) -> Parts:
+        """Draw the return while it learned, seed by seed."""
+        config, metrics = self.config, self.metrics
+        runs, switch = {config.algo["name"]: metrics}, config.switch_at
+        if config.sweep:
+            best = rank(metrics, config)
+            yield table(sweep_table(best))
+            runs = {
+                label(result.swept): {
+                    name: x[metrics["setting"][:, 0] == result.setting]
+                    for name, x in metrics.items()
+                }
+                for result in best[:SETTINGS]
+            }
+        yield chart(plots.learning_curves(runs, "episode_return", "episode return", switch))
+        yield text("Thin lines are seeds, over the last 20 iterations each; the policy samples.")
+
+    def options_in_training(self) -> Parts:
+        """Draw how options shared the steps, and how long they lasted."""
+        if "option_steps_0" not in self.metrics:
+            raise UsageError("The policy has no options.")
+        for shown in plots.training_options(self.metrics, self.place):
+            yield chart(shown)
+
+    def behaviour(self) -> Parts:
+        """Draw which option acts when in recorded episodes."""
+        known, K = self.known, self.known.num_options
+        recorded, names = known.trajectories, options(K)
+        dt = float(getattr(known.env, "dt", 1.0))
+        yield chart(plots.strips(np.asarray(recorded.option), recorded.alive, K, dt))
+        rows = [["option", "share of steps", "mean duration (steps)"]]
+        for k in known.by_usage:
+            lasted = known.durations[np.isfinite(known.durations[:, k]), k]
+            mean = float(lasted.mean()) if lasted.size else np.nan
+            rows.append([names[k], f"{known.usage[k]:.0%}", number(mean)])
+        yield table(rows)
+        yield heading("Which option follows")
+        yield chart(plots.matrix(known.transitions, names, names, axes=("next", "now")))
+
+    def causes(self) -> Parts:
+        """Show what happens if something else chooses the options, and how far they are apart."""
+        known, names = self.known, options(self.known.num_options)
+        found = known.interventions
+        yield text(
+            "The same policy from the same initial states; only who chooses the option differs. "
+            "Each mark is an episode, each point the mean with its standard error."
+        )
+        yield chart(plots.returns_by_choice(found, causal.effects(found), known.num_options))
+        yield table(causal.table(found))
+        yield heading("How far the options' actions are apart, in nats: mean over visited states")
+        yield chart(plots.matrix(known.divergence, names, names))
+
+    def embeddings(self) -> Parts:
+        """Show the embeddings, and what each of their dimensions does to the actions."""
+        known = self.known
+        if known.embeddings is None or known.perturbation is None:
+            raise UsageError("This algorithm's options are no embeddings.")
+        W, slopes = known.embeddings, known.perturbation.slopes
+        names, dimensions = options(len(W)), [str(e) for e in range(W.shape[1])]
+        yield heading("Embeddings W")
+        axes = "dimension", ""
+        yield chart(plots.matrix(W, names, dimensions, axes=axes, signed=True, written=False))
+        yield heading("Their cosine similarities")
+        yield chart(plots.matrix(cosine_similarities(W), names, names, signed=True))
+        yield heading("What a dimension does to the actions")
+        yield explorer(known)
+        for k in known.by_usage[:2]:
+            said = sentences(slopes[k], known.names.actuators)
+            yield text(f"Option {k}: {'; '.join(said)}.")
+
+    def states(self) -> Parts:
+        """Draw where in the space of states each option acts, and what the parts say there."""
+        known, K = self.known, self.known.num_options
+        names = options(K)
+        yield text("Visited states as the policy sees them, along their two principal components.")
+        yield chart(plots.clusters(known.projection, known.states.option))
+        means = {
+            "The master's attention to each option, after each one": known.attention,
+            "The probability that each option ends, where each one acts": known.terminations,
+        }
+        groups = known.states.previous, known.states.option
+        for (title, values), group in zip(means.items(), groups, strict=True):
+            if values is not None:
+                yield heading(title)
+                yield chart(plots.matrix(by_option(values, group), names, names))
+
+    def film(self) -> Parts:
+        """Show how an episode begins, the active option around it and as a strip below."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "video.mp4"
+            self.video(path)
+            encoded = base64.b64encode(path.read_bytes()).decode()
+        yield Markup('<video controls src="data:video/mp4;base64,{}"></video>').format(encoded)
+
+    def settings(self) -> Parts:
+        """Quote every setting."""
+        yield preformatted(self.config.to_yaml())
+
+
+def options(number_of: int) -> list[str]:
+    """Return what the options are called."""
+    return [f"option {k}" for k in range(number_of)]
+
+
+def by_option(values: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Return the means [K, K] of values [S, K] over the states of each option [S]; NaN of none."""
+    means = np.full((values.shape[1], values.shape[1]), np.nan)
+    for k in np.unique(group):
+        means[k] = values[group == k].mean(axis=0)
+    return means
+
+
+def explorer(known: Insight) -> Markup:
+    """Return the part in which a reader shifts a dimension and sees the actuators move."""
+    found = known.perturbation
+    assert found is not None
+    K, here = known.num_options, int(np.abs(found.shifts).argmin())
+    data: dict[str, Any] = {
+        "shifts": found.shifts.round(2).tolist(),
+        "moved": (found.actions - found.actions[:, :, here : here + 1]).round(5).tolist(),
+        "order": strongest(np.abs(found.slopes).max(axis=0)).tolist(),
+        "actuators": list(known.names.actuators),
+        "colors": [option_color(k) for k in range(len(known.names.actuators))],
+        "first": int(known.by_usage[0]),
+    }
+    return Markup(
+        templates.get_template("explorer.html").render(
+            data=Markup(json.dumps(data)), options=options(K)
+        )
+    )
+
+
+def command(config: RunConfig) -> str:
+    """Return a command that trains what the settings say, as far as a line can tell."""
+    if not config.tasks:
+        return "hitmdp_jax.train, from Python"
+    parts = [f"env={config.tasks[0]['name']}", f"algo={config.algo['name']}"]
+    parts += [
+        f"{name}={getattr(config, name)}" for name in ("physics", "seeds", "seed", "total_steps")
+    ]
+    return " ".join(["python train.py", *parts])
+
+
+def versions() -> list[str]:
+    """Return what the package and those it stands on are called and numbered, and the machine."""
+    found = [f"{name} {importlib.metadata.version(name)}" for name in PACKAGES]
+    device = jax.devices()[0]
+    return [
+        *found,
+        f"Python {platform.python_version()}",
+        f"{device.platform} ({device.device_kind})",
+    ]
+
+
+def compare(runs: Mapping[str, tuple[Path, RunConfig]]) -> str:
+    """Return the page about several runs.
+
+    Args:
+      runs: name -> folder and settings; the first is what the others are measured against.
+    """
+    metrics = {name: read_metrics(folder) for name, (folder, _) in runs.items()}
+    configs = {name: config for name, (_, config) in runs.items()}
+    empty = [name for name, columns in metrics.items() if not columns]
+    if empty:
+        raise UsageError(f"The run {empty[0]} has no finished iteration.")
+    scores = {name: final_returns(metrics[name], configs[name].switch_at or 0) for name in metrics}
+
+    def returns() -> Parts:
+        middles = [interquartile_mean(x) for x in scores.values()]
+        ends = [bootstrap_interval(interquartile_mean, x) for x in scores.values()]
+        yield chart(plots.intervals(list(scores), list(scores.values()), middles, ends))
+        arms = ablation.measure(
+            {name: folder for name, (folder, _) in runs.items()}, next(iter(runs))
+        )
+        yield table(ablation.table(arms))
+        yield text(f"Returns of the last {FINAL_STEPS:,} steps; {next(iter(runs))} is the control.")
+
+    def curves() -> Parts:
+        switches = {config.switch_at for config in configs.values()}
+        switch = switches.pop() if len(switches) == 1 else None
+        yield chart(plots.learning_curves(metrics, "episode_return", "episode return", switch))
+
+    def seeds() -> Parts:
+        yield chart(plots.profiles(list(scores), list(scores.values())))
+
+    def commands() -> Parts:
+        yield preformatted("\n".join(command(config) for config in configs.values()))
+        yield text("Made with " + ", ".join(versions()) + ".")
+
+    titles = sorted({config.title for config in configs.values()})
+    sections = {
+        "Returns": returns,
+        "Learning": curves,
+        "What share of seeds reaches a return": seeds,
+        "Commands": commands,
+    }
+    return page("Comparison", "; ".join(titles), sections)

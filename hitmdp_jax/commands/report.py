@@ -1,0 +1,148 @@
+"""Write one page about a run, or a comparison of several: `python -m hitmdp_jax.report RUN_DIR...`.
+
+The page is one HTML file that needs no network: the curve of every seed, what each option does,
+whether options matter, what their embeddings mean, and a video.
+"""
+
+import functools
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from hitmdp_jax.commands.evaluate import SEED_OFFSET
+from hitmdp_jax.commands.settings import Parser, guarded
+from hitmdp_jax.envs import make_env
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training.config import RunConfig, whole_number
+from hitmdp_jax.training.folder import made
+from hitmdp_jax.training.host import set_up_host
+from hitmdp_jax.training.policy import Policy, load_all, places
+
+NAME = "report.html"
+EPISODES = 8
+FILMED, PIXELS = 600, (480, 360)  # steps and size of the video: of a page, not of a film
+ENGINE = "native"  # MuJoCo C compiles in no time, and scores as the others do
+
+
+def main() -> None:
+    """Run the command line."""
+    guarded(_main)
+
+
+def _main() -> None:
+    parser = Parser(prog="python -m hitmdp_jax.report", description=__doc__)
+    parser.add_argument("run_dirs", type=Path, nargs="+", metavar="RUN_DIR")
+    parser.add_argument("--out", type=Path, help=f"the file; RUN_DIR/{NAME}, or comparison.html")
+    parser.add_argument("--seed", type=int, default=None, help="whose options; the median seed's")
+    parser.add_argument("--episodes", type=int, default=EPISODES, help=f"recorded ({EPISODES})")
+    options = parser.parse_args()
+    whole_number("episodes", options.episodes, at_least=1)
+    configs = {run_dir: RunConfig.load(run_dir) for run_dir in options.run_dirs}
+    if len(configs) == 1:
+        ((run_dir, config),) = configs.items()
+        set_up_host(ENGINE, 16 * options.episodes)
+        write(run_dir, config, options.out, options.seed, options.episodes)
+    else:
+        from hitmdp_jax.analysis.report import compare
+
+        _save(compare(_named(configs)), options.out or Path("comparison.html"))
+
+
+def write(
+    run_dir: Path,
+    config: RunConfig,
+    out: Path | None = None,
+    seed: int | None = None,
+    episodes: int = EPISODES,
+) -> None:
+    """Write the page about a run; args and Raises as `report`, `out` the file."""
+    started = time.perf_counter()
+    content = report(run_dir, config, seed, episodes)
+    _save(content, out or run_dir / NAME, f", made in {time.perf_counter() - started:.0f} s")
+
+
+def _save(content: str, path: Path, how: str = "") -> None:
+    made(path.parent)
+    path.write_text(content)
+    print(f"Saved {path}: {len(content) / 2**20:.1f} MiB{how}.")
+
+
+def report(
+    run_dir: Path, config: RunConfig, seed: int | None = None, episodes: int = EPISODES
+) -> str:
+    """Return the page about a run.
+
+    Args:
+      run_dir: the run's folder.
+      config: its settings.
+      seed: whose options are shown; None takes the one with the median return.
+      episodes: how many are recorded.
+
+    Raises:
+      UsageError: the run has no such seed.
+    """
+    from hitmdp_jax.analysis.report import RunReport
+
+    place = _median(run_dir, config) if seed is None else places(config, seed)[0]
+    key = jax.random.key(config.trainings[place].seed + SEED_OFFSET)
+
+    @functools.cache
+    def policy_and_env() -> tuple[Policy, Any]:
+        if not config.tasks:
+            raise UsageError("The run was saved from Python and names no task.")
+        iteration, everyone = load_all(run_dir)
+        task = config.tasks[min((iteration - 1) // config.iterations, len(config.tasks) - 1)]
+        engine = config.physics if task["name"].startswith("brax/") else ENGINE
+        return everyone.of(place), make_env(**task, physics=engine)
+
+    def insight():
+        from hitmdp_jax.analysis.directed import number_of_options
+        from hitmdp_jax.analysis.insight import Insight
+
+        number_of_options(config.make_agent())  # before anything is compiled
+        policy, env = policy_and_env()
+        return Insight(policy, env, key, episodes)
+
+    def video(path: Path) -> None:
+        from hitmdp_jax.analysis.trajectories import record
+        from hitmdp_jax.analysis.video import write_video
+        from hitmdp_jax.commands.video import check_filming
+
+        check_filming(config)
+        policy, env = policy_and_env()
+        recorded = jax.device_get(record(policy, env, key, 1, physics=True))
+        beginning = recorded.alive & (np.arange(len(recorded.alive)) < FILMED)[:, None]
+        write_video(path, env, recorded.replace(alive=beginning), size=PIXELS)
+
+    return RunReport(run_dir, config, place, insight, video).html()
+
+
+def _median(run_dir: Path, config: RunConfig) -> int:
+    """Return the place of the training with the median return, in a sweep of the best setting.
+
+    It is the first one where no return is known.
+    """
+    from hitmdp_jax.analysis.comparison import final_returns
+    from hitmdp_jax.analysis.figures import read_metrics
+    from hitmdp_jax.analysis.sweeps import rank
+
+    metrics = read_metrics(run_dir) if (run_dir / "metrics.csv").is_file() else {}
+    if not metrics:
+        return 0
+    returns = final_returns(metrics, config.switch_at or 0)
+    candidates = np.array(places(config, setting=rank(metrics, config)[0].setting))
+    known = candidates[np.isfinite(returns[candidates])]
+    return int(known[np.argsort(returns[known])[(len(known) - 1) // 2]]) if known.size else 0
+
+
+def _named(configs: dict[Path, RunConfig]) -> dict[str, tuple[Path, RunConfig]]:
+    """Return runs by algorithm, or by folder where two have the same one."""
+    algos = [config.algo["name"] for config in configs.values()]
+    unique = len(set(algos)) == len(algos)
+    return {
+        algo if unique else str(run_dir): (run_dir, config)
+        for algo, (run_dir, config) in zip(algos, configs.items(), strict=True)
+    }
