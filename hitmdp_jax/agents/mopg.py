@@ -33,7 +33,11 @@ class MOPG(HitPolicy, ScaledAgent):
     only, puts it inside gamma(...) and lacks the entropies' gradients: docs/errata.md, 15, 16, 18.
     """
 
+    # In the loss, in units of the advantages' spread, whatever a task's rewards: the weights of the
+    # probability to leave an option, and of the entropy of the options' usage, in nats. Alone, the
+    # first leaves one option; together, none has e^(cost / weight) times the steps of another.
     switching_cost: float = traced(0.0)
+    usage_weight: float = traced(0.0)
     entropy_weight: float = traced(0.0)  # a_H, at the start of a run where it is annealed
     final_entropy_weight: float = traced(0.0)  # a_H at the end of an annealed run
     information_weight: float = traced(0.0)  # a_I
@@ -115,8 +119,9 @@ class MOPG(HitPolicy, ScaledAgent):
         bonus = data["entropy_weight_option"] * entropy(log_option)
         bonus += data["entropy_weight_action"] * policy.entropy()
         leaving = 1.0 - jnp.exp(at_option(log_option, data["previous"])).mean()
+        log_usage = jax.nn.logsumexp(log_option, axis=0) - jnp.log(len(log_option))
         loss = value_loss - surrogate_option - surrogate_action - bonus.mean()
-        loss += self.switching_cost * leaving
+        loss += self.switching_cost * leaving - self.usage_weight * entropy(log_usage)
         return loss, of_options | of_actions | of_values
 
     def information(self, params: Any, batch: Batch, log_option: jax.Array) -> jax.Array:

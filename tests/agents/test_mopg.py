@@ -141,13 +141,13 @@ def test_information_equals_brute_force(choice, params, batch):
 
 
 def test_loss_at_the_old_policy_is_by_hand(agent, params, batch):
-    data, _ = agent.targets(params, batch)
+    data = flatten(agent.targets(params, batch)[0])
     q = agent.q(params, data["obs"], data["option"])
     data |= {
-        "advantage_option": np.full((T, B), 2.0),
-        "advantage_action": np.full((T, B), 3.0),
+        "advantage_option": np.full(T * B, 2.0),
+        "advantage_action": np.full(T * B, 3.0),
         "value_target": q - 2.0,
-        "entropy_weight_option": np.full((T, B), 0.5),
+        "entropy_weight_option": np.full(T * B, 0.5),
     }
     loss, diagnostics = agent.loss(params, data)
     probabilities = np.asarray(agent.option_probs(params, batch.obs, batch.memory))
@@ -160,7 +160,7 @@ def test_loss_at_the_old_policy_is_by_hand(agent, params, batch):
 
 def test_gradient_at_the_old_policy_is_the_policy_gradient(agent, params, batch):
     """sum of A grad log pi over both policies (Thm 4.2, 4.3), by autodiff of the plain formula."""
-    data, _ = agent.targets(params, batch)
+    data = flatten(agent.targets(params, batch)[0])
     q = agent.q(params, data["obs"], data["option"])
     data["value_target"] = q  # leaves no critic gradient
 
@@ -198,10 +198,18 @@ def test_the_entropy_weight_is_annealed():
     assert float(constant.entropy_weight) == pytest.approx(0.2)
 
 
+def test_usage_is_weighed_by_its_entropy(agent, params, batch):
+    data = flatten(agent.targets(params, batch)[0])
+    free, _ = agent.loss(params, data)
+    even, _ = agent.replace(usage_weight=0.5).loss(params, data)
+    probs = np.asarray(agent.option_probs(params, data["obs"], data["previous"])).mean(axis=0)
+    np.testing.assert_allclose(free - even, -0.5 * (probs * np.log(probs)).sum(), rtol=1e-3)
+
+
 def test_a_switching_cost_is_the_probability_to_leave_an_option(agent, params, batch):
-    data, _ = agent.targets(params, batch)
+    data = flatten(agent.targets(params, batch)[0])
     free, _ = agent.loss(params, data)
     costly, _ = agent.replace(switching_cost=0.5).loss(params, data)
-    stay = agent.option_probs(params, data["obs"], batch.memory)
-    leaving = 1.0 - np.take_along_axis(stay, batch.memory[..., None], axis=-1)
+    stay = agent.option_probs(params, data["obs"], data["previous"])
+    leaving = 1.0 - np.take_along_axis(stay, data["previous"][..., None], axis=-1)
     np.testing.assert_allclose(costly - free, 0.5 * leaving.mean(), rtol=1e-3)

@@ -147,7 +147,8 @@ def test_mopg_targets_and_loss_estimate_the_exact_gradient_from_samples():
     # drawn from the discounted visits. Standardising divides both gradients by a deviation.
     hit, count = soft(), 800_000
     batch, params = draw_steps(hit, START, count), params_of(hit)
-    data, _ = compiled(AGENT.targets)(params, batch)
+    targets, _ = compiled(AGENT.targets)(params, batch)
+    data = {name: x[0] for name, x in targets.items()}  # of the rollout's one step
     gradient, exact = surrogate_gradient(params, data), exact_gradient(hit, START)
     scale = {
         "master": raw_advantage(hit, batch, option=True).std(),
