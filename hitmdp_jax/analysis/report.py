@@ -4,6 +4,7 @@ import base64
 import dataclasses
 import functools
 import importlib.metadata
+import inspect
 import json
 import platform
 import tempfile
@@ -28,6 +29,7 @@ from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mea
 from hitmdp_jax.analysis.sweeps import rank
 from hitmdp_jax.analysis.sweeps import table as sweep_table
 from hitmdp_jax.analysis.tables import Rows
+from hitmdp_jax.envs import check_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.sweep import label
@@ -316,14 +318,26 @@ def explorer(known: Insight) -> Markup:
 
 
 def command(config: RunConfig) -> str:
-    """Return a command that trains what the settings say, as far as a line can tell."""
+    """Return a command that trains what the settings say, whatever differs from the defaults."""
     if not config.tasks:
         return "hitmdp_jax.train, from Python"
-    parts = [f"env={config.tasks[0]['name']}", f"algo={config.algo['name']}"]
+    task, agent = config.tasks[0], type(config.make_agent())
+    known = inspect.signature(check_env(task["name"], task.get("version", "v5"))).parameters
+    usual = {name: parameter.default for name, parameter in known.items()} | {"version": "v5"}
+    usual_algo = {field.name: field.default for field in dataclasses.fields(agent)}
+    parts = [f"env={task['name']}", f"algo={config.algo['name']}"]
+    for group, settings, defaults in (("env", task, usual), ("algo", config.algo, usual_algo)):
+        for name, value in settings.items():
+            if name != "name" and value != _listed(defaults.get(name)):
+                parts.append(f"{group}.{name}={value}")
     parts += [
         f"{name}={getattr(config, name)}" for name in ("physics", "seeds", "seed", "total_steps")
     ]
     return " ".join(["python train.py", *parts])
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
 
 
 def versions() -> list[str]:

@@ -40,7 +40,7 @@ def test_the_page_has_every_section_and_needs_no_network(page):
     assert sections_of(content) == SECTIONS
     own = re.sub(r"<script.*?</script>", "", content, flags=re.DOTALL)
     assert not re.search(r"""(src|href)=["']?(https?:)?//""", own)
-    assert "python train.py env=invertedpendulum algo=mopg" in content
+    assert "python train.py env=invertedpendulum algo=mopg algo.num_epochs=1" in content
 
 
 def test_a_run_ends_with_its_page_which_says_what_is_left_out(command, tmp_path):
