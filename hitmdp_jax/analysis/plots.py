@@ -105,7 +105,8 @@ def strips(option: ArrayLike, alive: ArrayLike, number: int, dt: float) -> go.Fi
     """
     option, alive = np.asarray(option), np.asarray(alive, bool)
     taken = np.where(alive, option, np.nan).astype(np.float32).T
-    shown = figure(110 + 26 * len(taken), xaxis_title="seconds", yaxis_title="episode")
+    height = max(110 + 26 * len(taken), 80 + 16 * number)  # rows, and the colours beside them
+    shown = figure(height, xaxis_title="seconds", yaxis_title="episode")
     shown.add_heatmap(
         z=taken,
         x=np.arange(len(option)) * dt,
