@@ -42,6 +42,7 @@ class HitNetwork(nn.Module):
     initial_log_std: jax.Array | float
     value_order: int
     form: str
+    option_scale: jax.Array | float
 
     def setup(self):
         """Declare the parts."""
@@ -73,11 +74,13 @@ class HitNetwork(nn.Module):
 
     def action(self, obs: jax.Array, option: jax.Array) -> distrax.MultivariateNormalDiag:
         """Return P(a | s, o) over [..., A] for obs [..., O], option [...]."""
-        return self.decoder(obs, self.input_scale * self.embeddings, option)
+        rows = self.option_scale * self.input_scale * self.embeddings
+        return self.decoder(obs, rows, option)
 
     def q(self, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return Q_O[s, o_t] [...] for obs [..., O], memory [...] with o_t as its newest option."""
-        return self.critic(obs, jnp.eye(self.num_options**self.value_order), memory)
+        every = self.option_scale * jnp.eye(self.num_options**self.value_order)
+        return self.critic(obs, every, memory)
 
     def every_action(self, obs: jax.Array) -> distrax.MultivariateNormalDiag:
         """Return P(a | s, o) of each option, over [..., K, A], for obs [..., O]."""
@@ -101,9 +104,12 @@ class HitPolicy(GradientAgent):
 
     The options' embeddings are "equal" in norm at the start, sqrt(E), so that each is as likely to
     last, and bodies read them divided by it; "normal" is the printed form, W ~ N(0, 1) as it is.
+    The action policy and the critic read an option's vector times `option_scale` besides: options
+    that start almost alike share what they learn, and part as far as it pays.
     """
 
     similarity: float = traced(0.75)  # c, the weight of the similarity logits
+    option_scale: float = traced(0.1)
     initial_log_std: float = traced(-0.5, low=-10.0, high=10.0)
     num_options: int = static(4)
     embedding_size: int = static(40)
@@ -125,6 +131,7 @@ class HitPolicy(GradientAgent):
             self.initial_log_std,
             self.value_order,
             self.embeddings,
+            self.option_scale,
         )
 
     def _apply(self, params: Any, method: str, *args: jax.Array) -> Any:

@@ -36,8 +36,8 @@ class MOPG(HitPolicy, ScaledAgent):
     # In the loss, in units of the advantages' spread, whatever a task's rewards: the weights of the
     # probability to leave an option, and of the entropy of the options' usage, in nats. Alone, the
     # first leaves one option; together, none has e^(cost / weight) times the steps of another.
-    switching_cost: float = traced(0.0)
-    usage_weight: float = traced(0.0)
+    switching_cost: float = traced(0.1)
+    usage_weight: float = traced(0.1)
     entropy_weight: float = traced(0.0)  # a_H, at the start of a run where it is annealed
     final_entropy_weight: float = traced(0.0)  # a_H at the end of an annealed run
     information_weight: float = traced(0.0)  # a_I

@@ -1,8 +1,8 @@
 """What each dimension of an option's embedding does to the actions (App. B.3, after capsules).
 
 A dimension of W[o] is shifted a little and the option decoded again, in states that the policy
-visited. The shift is of W itself: with `embeddings="equal"` bodies read W over sqrt(E), and so a
-unit of W is worth less there than with `"normal"`.
+visited. The shift is of W itself, which the action policy reads times `option_scale` and, with
+`embeddings="equal"`, over sqrt(E): a unit of W is worth more where these are larger.
 """
 
 from collections.abc import Sequence

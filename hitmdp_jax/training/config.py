@@ -18,7 +18,9 @@ from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.program import check_sizes, num_iterations
 from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
 
-SCHEMA = 1  # of config.yaml; raised where an older package would misread it
+SCHEMA = 2  # of config.yaml; raised where an older package would misread it
+# What a hyperparameter that schema 1 did not have stood for, where that is not its default.
+BEFORE_2 = {"mopg": {"option_scale": 1.0, "switching_cost": 0.0, "usage_weight": 0.0}}
 REPORT_STEPS = 2048
 MOST = 10**12  # more than any whole number that is asked for here
 WHOLE = {  # name -> the least value
@@ -233,6 +235,9 @@ class RunConfig:
                 f"'{path}' was written by a newer hitmdp_jax (schema {schema}; this one reads up "
                 f"to {SCHEMA}): upgrade to read it."
             )
+        algo = settings.get("algo")
+        if schema < 2 and isinstance(algo, dict):
+            settings["algo"] = BEFORE_2.get(algo.get("name"), {}) | algo
         try:
             return cls.from_mapping(settings)
         except UsageError as error:

@@ -19,7 +19,7 @@ from tests.programs import compiled
 
 @pytest.fixture
 def agent():
-    return Compiled(MOPG(**SMALL))
+    return Compiled(MOPG(switching_cost=0.0, usage_weight=0.0, **SMALL))
 
 
 @pytest.fixture

@@ -38,7 +38,8 @@ class TabularMOPG(MOPG):
 
 visit = compiled(occupancy)
 ENTROPY = 0.3
-AGENT = TabularMOPG(num_options=K, gae_lambda=0.0, entropy_weight=ENTROPY)
+PURE = {"switching_cost": 0.0, "usage_weight": 0.0}  # the ELBO alone
+AGENT = TabularMOPG(num_options=K, gae_lambda=0.0, entropy_weight=ENTROPY, **PURE)
 START = np.full((S, K), 1 / (S * K))
 
 

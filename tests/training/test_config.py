@@ -120,6 +120,13 @@ def test_a_run_of_an_older_version_takes_the_defaults(tmp_path):
     assert config.num_envs == 16
 
 
+def test_options_of_a_run_of_schema_1_are_read_as_it_read_them(tmp_path):
+    content = "algo: {name: mopg, switching_cost: 0.5}\nenv: {name: halfcheetah}\n"
+    (tmp_path / "config.yaml").write_text(content)
+    agent = RunConfig.load(tmp_path).make_agent()
+    assert (agent.option_scale, agent.switching_cost, agent.usage_weight) == (1.0, 0.5, 0.0)
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
