@@ -201,7 +201,7 @@ def clusters(projection: Projection, option: ArrayLike) -> go.Figure:
         here = chosen[option[chosen] == k]
         x, y = projection.points[here].astype(np.float32).T
         marker = {"color": option_color(int(k)), "size": 4}
-        shown.add_scattergl(x=x, y=y, mode="markers", marker=marker, name=f"option {k}")
+        shown.add_scatter(x=x, y=y, mode="markers", marker=marker, name=f"option {k}")
     return shown
 
 

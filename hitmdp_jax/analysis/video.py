@@ -205,7 +205,7 @@ class Scene:
         """Write the numbers, each in a place of its own so that none moves as they grow."""
         facts = [f"{step * self._dt:.2f} s", f"return {self._returns[step]:,.1f}"]
         if self._speed is not None:
-            facts.insert(1, f"{self._speed[step]:.1f} m/s")
+            facts.insert(1, f"{self._speed[step].round(1) + 0.0:.1f} m/s")
         if self._title:
             facts.append(self._title)
         right = width - MARGIN
