@@ -1,6 +1,7 @@
 """Figures of a run, drawn from its metrics.csv alone."""
 
 import csv
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -122,24 +123,35 @@ def learning_curve(
     return figure
 
 
+def option_curves(
+    metrics: Mapping[str, np.ndarray], place: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return each option's share of the steps and mean duration, [K, n], over `WINDOW` iterations.
+
+    Args:
+      metrics: as `read_metrics` gives them, of a run with options.
+      place: the seed's: options have no common order across seeds.
+    """
+    num_options = sum(name.startswith("option_steps_") for name in metrics)
+    counts, starts = (
+        window_sum(np.nan_to_num([metrics[f"{name}_{k}"][place] for k in range(num_options)]))
+        for name in ("option_steps", "option_activations")
+    )
+    return counts / np.maximum(counts.sum(axis=0), 1.0), mean_duration(counts, starts)
+
+
 def option_durations(metrics: dict[str, np.ndarray], title: str) -> Figure:
     """Plot each option's mean duration and share of steps against environment steps (Figure 6).
 
-    One seed's options are plotted, the first's: options have no common order across seeds.
+    One seed's options are plotted, the first's.
     """
     figure = Figure(figsize=(6, 6), layout="constrained")
     duration_axes, usage_axes = figure.subplots(2, sharex=True)
     steps = metrics["env_steps"][0]
-    num_options = sum(name.startswith("option_steps_") for name in metrics)
-    counts, starts = (
-        np.stack([window_sum(np.nan_to_num(metrics[f"{name}_{k}"]))[0] for k in range(num_options)])
-        for name in ("option_steps", "option_activations")
-    )
-    colors = [option_color(k) for k in range(num_options)]
+    shares, durations = option_curves(metrics)
+    colors = [option_color(k) for k in range(len(shares))]
     for k, color in enumerate(colors):
-        duration = mean_duration(counts[k], starts[k])
-        duration_axes.plot(steps, duration, color=color, label=f"option {k}")
-    shares = counts / np.maximum(counts.sum(axis=0), 1.0)
+        duration_axes.plot(steps, durations[k], color=color, label=f"option {k}")
     usage_axes.stackplot(steps, shares, colors=colors)
     duration_axes.set(ylabel="mean duration (steps)", yscale="log", title=title)
     duration_axes.grid(alpha=0.3)

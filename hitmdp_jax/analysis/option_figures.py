@@ -15,13 +15,12 @@ from hitmdp_jax.analysis.drawing import UNKNOWN, lanes, lowest, small_multiples
 from hitmdp_jax.analysis.figures import (
     label_steps,
     option_color,
+    option_curves,
     option_durations,
     plain_log,
-    window_sum,
 )
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.errors import UsageError, out_of_domain
-from hitmdp_jax.learning.options import mean_duration
 
 STRIP_STEPS = 512  # of an episode in Figure 7, as in the paper
 LANE = 0.16  # inches of an option's lane
@@ -81,12 +80,8 @@ def figure8(runs: Mapping[str, Metrics]) -> Figure:
 
     def draw(i: int, axes: Axes) -> None:
         metrics, name = runs[names[i]], names[i]
-        for k in range(numbers[name]):
-            steps, starts = (
-                window_sum(np.nan_to_num(metrics[f"{part}_{k}"]))[0]
-                for part in ("option_steps", "option_activations")
-            )
-            axes.plot(metrics["env_steps"][0], mean_duration(steps, starts), color=option_color(k))
+        for k, duration in enumerate(option_curves(metrics)[1]):
+            axes.plot(metrics["env_steps"][0], duration, color=option_color(k))
         axes.set_title(name, fontsize="medium")
         axes.set(yscale="log")
         axes.grid(alpha=0.3)

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 
 from hitmdp_jax.analysis.causal import Effects, Interventions
 from hitmdp_jax.analysis.clusters import Projection
-from hitmdp_jax.analysis.figures import OPTION_COLORS, option_color, smooth, window_sum
-from hitmdp_jax.learning.options import mean_duration
+from hitmdp_jax.analysis.figures import OPTION_COLORS, option_color, option_curves, smooth
 
 POINTS = 400  # of a curve, and episodes' steps are shown whole
 SCATTERED = 1500  # states of a scatter plot
@@ -70,25 +69,15 @@ def learning_curves(
 def training_options(metrics: Mapping[str, np.ndarray], place: int) -> tuple[go.Figure, go.Figure]:
     """Draw how one training's options shared the steps, and how long they lasted."""
     steps = metrics["env_steps"][0]
-    number = sum(name.startswith("option_steps_") for name in metrics)
-    counts, starts = (
-        np.stack(
-            [
-                window_sum(np.nan_to_num(metrics[f"{name}_{k}"][place : place + 1]))[0]
-                for k in range(number)
-            ]
-        )
-        for name in ("option_steps", "option_activations")
-    )
-    shares = counts / np.maximum(counts.sum(axis=0), 1.0)
+    shares, durations = option_curves(metrics, place)
     usage = figure(300, xaxis_title="environment steps", yaxis_title="share of steps")
     lasting = figure(300, xaxis_title="environment steps", yaxis_title="mean duration (steps)")
     chosen = np.unique(np.linspace(0, len(steps) - 1, POINTS).astype(int))
-    for k in range(number):
+    for k in range(len(shares)):
         style = {"x": steps[chosen], "name": f"option {k}"}
         line = {"color": option_color(k)}
         usage.add_scatter(y=shares[k, chosen], stackgroup="all", line=line | {"width": 0}, **style)
-        lasting.add_scatter(y=mean_duration(counts[k], starts[k])[chosen], line=line, **style)
+        lasting.add_scatter(y=durations[k, chosen], line=line, **style)
     usage.update_yaxes(range=[0, 1])
     lasting.update_yaxes(type="log")
     return usage, lasting

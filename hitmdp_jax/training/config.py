@@ -237,7 +237,7 @@ class RunConfig:
             )
         algo = settings.get("algo")
         if schema < 2 and isinstance(algo, dict):
-            settings["algo"] = BEFORE_2.get(algo.get("name"), {}) | algo
+            settings["algo"] = BEFORE_2.get(str(algo.get("name")), {}) | algo
         try:
             return cls.from_mapping(settings)
         except UsageError as error:

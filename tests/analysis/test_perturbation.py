@@ -25,7 +25,7 @@ def untrained(agent, key):
 def case(request):
     agent = MOPG(
         num_options=3, embedding_size=4, hidden_sizes=(8,), activation="tanh",
-        embeddings=request.param,
+        embeddings=request.param, option_scale=1.0,
     )  # fmt: skip
     policy = jax.jit(lambda key: untrained(agent, key))(jax.random.key(0))
     return policy, perturb(policy, STATES)
