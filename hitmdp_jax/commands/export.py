@@ -6,6 +6,7 @@ out, the range of actions and the seconds between two of them.
 """
 
 import json
+import logging
 from pathlib import Path
 
 from brax.envs.base import Env
@@ -25,6 +26,7 @@ FOLDER = "export"  # in a run's folder
 
 def main() -> None:
     """Run the command line."""
+    logging.getLogger("onnx_ir").setLevel(logging.ERROR)  # it warns of shapes that it leaves open
     guarded(_main)
 
 
