@@ -326,6 +326,9 @@ def command(config: RunConfig) -> str:
     usual = {name: parameter.default for name, parameter in known.items()} | {"version": "v5"}
     usual_algo = {field.name: field.default for field in dataclasses.fields(agent)}
     parts = [f"env={task['name']}", f"algo={config.algo['name']}"]
+    if config.second_env is not None:
+        second = config.second_env["name"]
+        parts = ["experiment=transfer", *parts, f"second_env.name={second}"]
     for group, settings, defaults in (("env", task, usual), ("algo", config.algo, usual_algo)):
         for name, value in settings.items():
             if name != "name" and value != _listed(defaults.get(name)):
