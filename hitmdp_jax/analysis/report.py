@@ -333,9 +333,8 @@ def command(config: RunConfig) -> str:
         for name, value in settings.items():
             if name != "name" and value != _listed(defaults.get(name)):
                 parts.append(f"{group}.{name}={value}")
-    parts += [
-        f"{name}={getattr(config, name)}" for name in ("physics", "seeds", "seed", "total_steps")
-    ]
+    for name in ("physics", "seeds", "seed", "total_steps", "num_envs", "rollout_length"):
+        parts.append(f"{name}={getattr(config, name)}")
     return " ".join(["python train.py", *parts])
 
 
