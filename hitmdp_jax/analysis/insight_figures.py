@@ -8,6 +8,7 @@ from hitmdp_jax.analysis.causal import effects
 from hitmdp_jax.analysis.drawing import annotate, heat_map, number_options, readable
 from hitmdp_jax.analysis.figures import option_color
 from hitmdp_jax.analysis.insight import Insight
+from hitmdp_jax.analysis.states import by_option
 from hitmdp_jax.errors import UsageError
 
 LABELLED = 0.01  # share of the steps from which an option is named among clusters
@@ -56,9 +57,7 @@ def attention_figure(insight: Insight) -> Figure:
     weights = insight.attention
     if weights is None:
         raise _without(insight, "attention")
-    means = np.full((insight.num_options, insight.num_options), np.nan)
-    for k in np.unique(insight.states.previous):
-        means[k] = weights[insight.states.previous == k].mean(axis=0)
+    means = by_option(weights, insight.states.previous)
     return _square(means, "option attended to", "previous option", "mean attention weight", 1.0)
 
 

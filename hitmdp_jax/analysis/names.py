@@ -10,7 +10,20 @@ from brax.envs.base import Env
 
 from hitmdp_jax.envs.base import MujocoEnv
 
-AXES, QUATERNION = "xyz", "wxyz"
+ORIENTATION = tuple(f"orientation {part}" for part in "wxyz")
+ROTATION = tuple(f"{axis} rotation" for axis in "xyz")
+POSITIONS = {  # what a joint's coordinates are called, by its kind
+    mujoco.mjtJoint.mjJNT_FREE: (*(f"{axis} position" for axis in "xyz"), *ORIENTATION),
+    mujoco.mjtJoint.mjJNT_BALL: ORIENTATION,
+    mujoco.mjtJoint.mjJNT_SLIDE: ("position",),
+    mujoco.mjtJoint.mjJNT_HINGE: ("angle",),
+}
+VELOCITIES = {
+    mujoco.mjtJoint.mjJNT_FREE: (*(f"{axis} velocity" for axis in "xyz"), *ROTATION),
+    mujoco.mjtJoint.mjJNT_BALL: ROTATION,
+    mujoco.mjtJoint.mjJNT_SLIDE: ("velocity",),
+    mujoco.mjtJoint.mjJNT_HINGE: ("velocity",),
+}
 DRAWS = 3  # of coordinates, by which an entry is recognised
 TOLERANCE = 1e-5
 
@@ -63,30 +76,12 @@ def _shown(env: MujocoEnv, size: int) -> list[int]:
 
 def position_names(model: mujoco.MjModel) -> list[str]:
     """Return the names of a model's generalised positions, nq."""
-    names = []
-    for name, kind in _joints(model):
-        if kind == mujoco.mjtJoint.mjJNT_FREE:
-            names += [f"{name} {axis} position" for axis in AXES]
-        if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
-            names += [f"{name} orientation {part}" for part in QUATERNION]
-        elif kind == mujoco.mjtJoint.mjJNT_SLIDE:
-            names.append(f"{name} position")
-        else:
-            names.append(f"{name} angle")
-    return names
+    return [f"{name} {part}" for name, kind in _joints(model) for part in POSITIONS[kind]]
 
 
 def velocity_names(model: mujoco.MjModel) -> list[str]:
     """Return the names of a model's generalised velocities, nv."""
-    names = []
-    for name, kind in _joints(model):
-        if kind == mujoco.mjtJoint.mjJNT_FREE:
-            names += [f"{name} {axis} velocity" for axis in AXES]
-        if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
-            names += [f"{name} {axis} rotation" for axis in AXES]
-        else:
-            names.append(f"{name} velocity")
-    return names
+    return [f"{name} {part}" for name, kind in _joints(model) for part in VELOCITIES[kind]]
 
 
 def actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:

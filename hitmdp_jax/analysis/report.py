@@ -24,7 +24,7 @@ from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
 from hitmdp_jax.analysis.figures import option_color, read_metrics
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.analysis.perturbation import sentences, strongest
-from hitmdp_jax.analysis.states import cosine_similarities
+from hitmdp_jax.analysis.states import by_option, cosine_similarities
 from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number
 from hitmdp_jax.analysis.sweeps import rank
 from hitmdp_jax.analysis.sweeps import table as sweep_table
@@ -129,7 +129,7 @@ class RunReport:
     def html(self) -> str:
         """Return the page."""
         training = self.config.trainings[self.place]
-        subtitle = f"What is said of options is of {training.name}, the one with the median return."
+        subtitle = f"What is said of options is of {training.name}."
         sections = {
             "What was run": self.summary,
             "What it learned": self.learning,
@@ -287,14 +287,6 @@ class RunReport:
 def options(number_of: int) -> list[str]:
     """Return what the options are called."""
     return [f"option {k}" for k in range(number_of)]
-
-
-def by_option(values: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Return the means [K, K] of values [S, K] over the states of each option [S]; NaN of none."""
-    means = np.full((values.shape[1], values.shape[1]), np.nan)
-    for k in np.unique(group):
-        means[k] = values[group == k].mean(axis=0)
-    return means
 
 
 def explorer(known: Insight) -> Markup:

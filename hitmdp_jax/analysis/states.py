@@ -60,3 +60,11 @@ def cosine_similarities(rows: np.ndarray) -> np.ndarray:
     """Return the cosines of the angles between rows [K, E], [K, K]."""
     unit = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-12)
     return unit @ unit.T
+
+
+def by_option(values: np.ndarray, option: np.ndarray) -> np.ndarray:
+    """Return the means [K, K] of values [S, K] over the states of each option [S]; NaN of none."""
+    means = np.full((values.shape[1], values.shape[1]), np.nan)
+    for k in np.unique(option):
+        means[k] = values[option == k].mean(axis=0)
+    return means

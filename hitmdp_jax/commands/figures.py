@@ -96,7 +96,7 @@ def insight_of(
     (place, *_) = places(config, config.seed if seed is None else seed)
     set_up_host(config.physics, episodes * (number + WITHOUT_EACH_OPTION))
     iteration, everyone = load_all(run_dir, checkpoint_named(checkpoint))
-    task = config.tasks[(iteration - 1) // config.iterations]
+    task = config.task_at(iteration)
     key = jax.random.key(config.trainings[place].seed + SEED_OFFSET)
     env = make_env(**task, physics=config.physics)
     return Insight(everyone.of(place), env, key, episodes)

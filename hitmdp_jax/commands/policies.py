@@ -27,8 +27,7 @@ class Chosen(NamedTuple):
     @property
     def task(self) -> dict[str, Any]:
         """The task that the run was on, as `make_env` takes it; the run names one."""
-        place = (self.iteration - 1) // self.config.iterations
-        return self.config.tasks[min(place, len(self.config.tasks) - 1)]
+        return self.config.task_at(self.iteration)
 
 
 def add_choice(parser: Parser) -> None:

@@ -94,7 +94,7 @@ def report(
         if not config.tasks:
             raise UsageError("The run was saved from Python and names no task.")
         iteration, everyone = load_all(run_dir)
-        task = config.tasks[min((iteration - 1) // config.iterations, len(config.tasks) - 1)]
+        task = config.task_at(iteration)
         engine = config.physics if task["name"].startswith("brax/") else ENGINE
         return everyone.of(place), make_env(**task, physics=engine)
 

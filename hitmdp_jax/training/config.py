@@ -186,6 +186,10 @@ class RunConfig:
         """Environment steps of one seed in the whole run."""
         return self.steps_after(self.last_iteration)
 
+    def task_at(self, iteration: int) -> dict[str, Any]:
+        """Return the task, as `make_env` takes it, that the iteration of that number is on."""
+        return self.tasks[min((iteration - 1) // self.iterations, len(self.tasks) - 1)]
+
     def steps_after(self, iteration: int) -> int:
         """Return the environment steps of one seed after so many iterations."""
         return iteration * self.steps_per_iteration
