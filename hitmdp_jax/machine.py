@@ -1,6 +1,14 @@
-"""What this process may use of its machine."""
+"""What this process runs on: the cores that it may use, their name, and the packages' versions."""
 
+import importlib.metadata
 import os
+import platform
+from pathlib import Path
+
+import jax
+
+PACKAGES = ("hitmdp-jax", "jax", "jaxlib", "flax", "optax", "brax", "mujoco", "mujoco-mjx", "numpy")
+CPU_INFO = Path("/proc/cpuinfo")  # on Linux
 
 
 def available_cores() -> int:
@@ -8,3 +16,18 @@ def available_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def versions() -> list[str]:
+    """Return what the package and those it stands on are called and numbered, and the device."""
+    found = [f"{name} {importlib.metadata.version(name)}" for name in PACKAGES]
+    device = jax.devices()[0]
+    kind = processor() if device.platform == "cpu" else device.device_kind
+    return [*found, f"Python {platform.python_version()}", f"{device.platform} ({kind})"]
+
+
+def processor() -> str:
+    """Return what the machine's processor is called."""
+    lines = CPU_INFO.read_text().splitlines() if CPU_INFO.is_file() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()

@@ -5,15 +5,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
 from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.analysis.statistics import (
-    bootstrap_interval,
+    difference,
     interquartile_mean,
     number,
     probability_of_improvement,
+    with_interval,
 )
 from hitmdp_jax.learning.options import mean_duration
 
@@ -48,12 +48,12 @@ def measure(run_dirs: Mapping[str, Path], control: str) -> list[Arm]:
     runs = {name: read_metrics(folder) for name, folder in run_dirs.items()}
     returns = {name: final_returns(metrics) for name, metrics in runs.items()}
     return [
-        Arm(name, returns[name], returns[control], *_options(metrics), _minutes(metrics))
+        Arm(name, returns[name], returns[control], *options_at_the_end(metrics), _minutes(metrics))
         for name, metrics in runs.items()
     ]
 
 
-def _options(metrics: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def options_at_the_end(metrics: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return how many options each seed uses, and how long its main one lasts."""
     num_options = sum(name.startswith("option_steps_") for name in metrics)
     if not num_options:
@@ -73,10 +73,6 @@ def _minutes(metrics: Mapping[str, np.ndarray]) -> float:
     return float(metrics["env_steps"].max() / np.median(metrics["steps_per_second"][0]) / 60)
 
 
-def _difference(x: ArrayLike, y: ArrayLike, axis: int = -1) -> np.ndarray:
-    return interquartile_mean(x, axis=axis) - interquartile_mean(y, axis=axis)
-
-
 def table(arms: Sequence[Arm]) -> list[list[str]]:
     """Return the arms as rows of text, the header first."""
     rows = [
@@ -92,8 +88,8 @@ def table(arms: Sequence[Arm]) -> list[list[str]]:
         rows.append(
             [
                 arm.name,
-                _with_interval(interquartile_mean, x),
-                _with_interval(_difference, x, y),
+                with_interval(interquartile_mean, x),
+                with_interval(difference, x, y),
                 number(float(better), ".2f"),
                 f"{arm.failed}/{len(x)}",
                 lasting,
@@ -103,9 +99,3 @@ def table(arms: Sequence[Arm]) -> list[list[str]]:
             ]
         )
     return rows
-
-
-def _with_interval(statistic, *strata: np.ndarray) -> str:
-    values = float(statistic(*strata)), *bootstrap_interval(statistic, *strata)
-    middle, low, high = (number(value, ".1f") for value in values)
-    return f"{middle} [{low}, {high}]"

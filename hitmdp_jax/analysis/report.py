@@ -3,16 +3,13 @@
 import base64
 import dataclasses
 import functools
-import importlib.metadata
 import inspect
 import json
-import platform
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import jax
 import jinja2
 import numpy as np
 import plotly.graph_objects as go
@@ -31,10 +28,10 @@ from hitmdp_jax.analysis.sweeps import table as sweep_table
 from hitmdp_jax.analysis.tables import Rows
 from hitmdp_jax.envs import check_env
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.machine import versions
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.sweep import label
 
-PACKAGES = ("hitmdp-jax", "jax", "jaxlib", "flax", "optax", "brax", "mujoco", "mujoco-mjx", "numpy")
 SETTINGS = 7  # of a sweep whose curves are drawn, the best
 CHART = {"responsive": True, "displayModeBar": False}
 
@@ -332,17 +329,6 @@ def command(config: RunConfig) -> str:
 
 def _listed(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
-
-
-def versions() -> list[str]:
-    """Return what the package and those it stands on are called and numbered, and the machine."""
-    found = [f"{name} {importlib.metadata.version(name)}" for name in PACKAGES]
-    device = jax.devices()[0]
-    return [
-        *found,
-        f"Python {platform.python_version()}",
-        f"{device.platform} ({device.device_kind})",
-    ]
 
 
 def compare(runs: Mapping[str, tuple[Path, RunConfig]]) -> str:

@@ -40,6 +40,11 @@ def probability_of_improvement(x: ArrayLike, y: ArrayLike, axis: int = -1) -> An
     return (0.5 + 0.5 * np.sign(x[..., :, None] - y[..., None, :])).mean(axis=(-2, -1))
 
 
+def difference(x: ArrayLike, y: ArrayLike, axis: int = -1) -> Any:
+    """Return the interquartile mean of x [..., S] minus that of y [..., S']."""
+    return interquartile_mean(x, axis=axis) - interquartile_mean(y, axis=axis)
+
+
 def bootstrap_interval(statistic: Callable[..., Any], *strata: ArrayLike) -> tuple[float, float]:
     """Return the 95% percentile interval of a statistic, each stratum resampled by itself.
 
@@ -71,3 +76,13 @@ def bootstrap_interval(statistic: Callable[..., Any], *strata: ArrayLike) -> tup
 def number(x: float, spec: str = ".1f") -> str:
     """Return a number as a table shows it: "-" where it is not known (NaN)."""
     return "-" if math.isnan(x) else format(x, spec)
+
+
+def with_interval(statistic: Callable[..., Any], *strata: ArrayLike) -> str:
+    """Return a statistic with its 95% interval as a table shows it: `12.0 [10.1, 13.9]`.
+
+    Args and intervals are those of `bootstrap_interval`.
+    """
+    values = float(statistic(*strata)), *bootstrap_interval(statistic, *strata)
+    middle, low, high = (number(value) for value in values)
+    return f"{middle} [{low}, {high}]"

@@ -9,6 +9,13 @@ Targets:
   theory   computes and draws Theorem 3.3 and Proposition 3.5 on random option frameworks (`seed=`,
            `run_dir=`).
 
+  table1, table2, table3, figure11
+           trains what the paper's table or figure shows, one run after the other, publishes each in
+           `results/` as soon as it is done and writes docs/results.md; what is published is not
+           trained again, what was stopped goes on. `tasks=` and `arms=` name a part of it
+           (`table1 tasks=swimmer arms=mopg,ppo`); other settings are those of train.py (`seeds=4`).
+  results  writes docs/results.md from what is published (`results=`, `page=`: other places)
+
 Figures of a trained run: `python -m hitmdp_jax.reproduce FIGURE RUN_DIR` writes it into
 RUN_DIR/figures/. `--seed N` picks one of the run's seeds, its first otherwise; where a figure shows
 episodes, `--episodes N` (8) of `--checkpoint newest|best|ITERATION` are recorded.
@@ -36,7 +43,7 @@ import jax
 from hitmdp_jax.agents import AGENTS, find_agent
 from hitmdp_jax.analysis import tables, theorems
 from hitmdp_jax.analysis.comparison import compare, comparison_figure, table
-from hitmdp_jax.commands import figures
+from hitmdp_jax.commands import figures, suites
 from hitmdp_jax.commands.arms import named, train_arms, without_folder
 from hitmdp_jax.commands.settings import Settings, dispatched, folder_setting
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
@@ -142,4 +149,4 @@ def count_parameters(run_dir: Path) -> int:
     return sum(x.size for x in jax.tree.leaves(load(run_dir, config.seed).params))
 
 
-TARGETS = {"compare": run_comparison, "theory": draw_theorems, **figures.TARGETS}
+TARGETS = {"compare": run_comparison, "theory": draw_theorems, **suites.TARGETS, **figures.TARGETS}

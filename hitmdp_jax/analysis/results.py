@@ -1,0 +1,162 @@
+"""Published results: what is kept of finished runs, small enough to lie in the repository.
+
+A cell is what one algorithm's seeds did on one task, a folder `results/<task>/<arm>`:
+  config.yaml  the run's settings
+  seeds.csv    one row a training: its final returns, evaluation and use of options
+  curve.csv    its training return at `POINTS` points
+  about.yaml   the command, the day, versions, hours
+"""
+
+import csv
+import dataclasses
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hitmdp_jax.analysis.ablation import options_at_the_end
+from hitmdp_jax.analysis.comparison import final_returns
+from hitmdp_jax.analysis.figures import read_metrics
+from hitmdp_jax.training.config import RunConfig
+
+POINTS = 100  # of a published curve
+EPISODES = 20  # over which the paper's curves are averaged (App. B), and those of an evaluation
+CONFIG, SEEDS, CURVE, ABOUT = "config.yaml", "seeds.csv", "curve.csv", "about.yaml"
+
+Columns = dict[str, np.ndarray]  # by name, [R] each
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """What was published of one run of R trainings."""
+
+    config: RunConfig
+    seeds: Columns  # as `columns_of` and the evaluation gave them
+    about: dict[str, Any]
+
+    def stands_for(self, config: RunConfig) -> list[str]:
+        """Return what tells the cell from a run of these settings; more seeds do not."""
+        seeds = min(config.seeds, self.config.seeds)
+        return dataclasses.replace(config, seeds=seeds).differences(
+            dataclasses.replace(self.config, seeds=seeds)
+        )
+
+
+def publish(
+    run_dir: Path, folder: Path, evaluation: Mapping[str, np.ndarray], about: Mapping[str, Any]
+) -> None:
+    """Write what is kept of a finished run, in place of what the folder held.
+
+    Args:
+      run_dir: the run's folder.
+      folder: the cell's.
+      evaluation: further columns [R] of the table of seeds.
+      about: the command, versions and whatever else should be known of the run.
+    """
+    config, metrics = RunConfig.load(run_dir), read_metrics(run_dir)
+    beside = folder.with_name(f".{folder.name}")  # a cell is whole or not there
+    shutil.rmtree(beside, ignore_errors=True)
+    beside.mkdir(parents=True)
+    _write(beside / SEEDS, columns_of(config, metrics) | dict(evaluation))
+    _write(beside / CURVE, curve(config, metrics))
+    (beside / CONFIG).write_text(config.to_yaml())
+    hours = float(metrics["env_steps"].max() / np.median(metrics["steps_per_second"][0]) / 3600)
+    told = dict(about) | {"hours": round(hours, 2)}
+    (beside / ABOUT).write_text(yaml.safe_dump(told, sort_keys=False, allow_unicode=True))
+    shutil.rmtree(folder, ignore_errors=True)
+    os.replace(beside, folder)
+
+
+def read(folder: Path) -> Cell | None:
+    """Return a published cell, or None where there is none."""
+    if not (folder / ABOUT).is_file():
+        return None
+    with (folder / SEEDS).open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    seeds = {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
+    return Cell(RunConfig.load(folder), seeds, yaml.safe_load((folder / ABOUT).read_text()))
+
+
+def columns_of(config: RunConfig, metrics: Mapping[str, np.ndarray]) -> Columns:
+    """Return what is told of each training of a run; returns are those of the training policy.
+
+    Args:
+      config: the run's settings.
+      metrics: as `read_metrics` gives them.
+    """
+    since = config.switch_at or 0
+    used, duration = options_at_the_end(metrics)
+    columns = {
+        name: np.array([training.columns[name] for training in config.trainings])
+        for name in config.trainings[0].columns
+    }
+    columns["last_20_episodes"] = last_episodes(metrics, EPISODES, since)
+    columns["last_100k_steps"] = final_returns(metrics, since)
+    if config.switch_at is not None:
+        first = metrics["env_steps"][0] <= config.switch_at
+        columns["first_task"] = final_returns({k: x[:, first] for k, x in metrics.items()})
+        # The area under the curve after the switch, in units of a return.
+        columns["whole_second_task"] = _mean_return({k: x[:, ~first] for k, x in metrics.items()})
+    if not np.isnan(used).all():
+        columns |= {"options_used": used, "main_option_duration": duration}
+    return columns
+
+
+def last_episodes(metrics: Mapping[str, np.ndarray], count: int, since: int = 0) -> np.ndarray:
+    """Return each seed's mean return [R] over its last reports that hold `count` episodes.
+
+    It is NaN for a seed that did not end as many.
+
+    Args:
+      metrics: as `read_metrics` gives them.
+      count: episodes, at least: all those of a report count.
+      since: environment steps before which no episode counts.
+    """
+    episodes = np.nan_to_num(metrics["episodes"]) * (metrics["env_steps"] > since)
+    total = np.nan_to_num(metrics["episode_return"]) * episodes
+    after = np.cumsum(episodes[:, ::-1], axis=1)[:, ::-1] - episodes  # those of later reports
+    counted = np.where(after < count, episodes, 0.0)
+    enough = counted.sum(axis=1) >= count
+    mean = np.where(after < count, total, 0.0).sum(axis=1) / np.maximum(counted.sum(axis=1), 1.0)
+    return np.where(enough, mean, np.nan)
+
+
+def _mean_return(metrics: Mapping[str, np.ndarray]) -> np.ndarray:
+    episodes = np.nan_to_num(metrics["episodes"])
+    total = (np.nan_to_num(metrics["episode_return"]) * episodes).sum(axis=1)
+    count = episodes.sum(axis=1)
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
+
+
+def curve(config: RunConfig, metrics: Mapping[str, np.ndarray]) -> Columns:
+    """Return the mean return of the episodes that ended before each of `POINTS` points.
+
+    A row is a training at a point; NaN where none ended since the point before.
+
+    Args:
+      config: the run's settings.
+      metrics: as `read_metrics` gives them.
+    """
+    parts = np.array_split(np.arange(metrics["env_steps"].shape[1]), POINTS)
+    parts = [part for part in parts if len(part)]
+    returns = [_mean_return({k: x[:, part] for k, x in metrics.items()}) for part in parts]
+    steps = [metrics["env_steps"][:, part[-1]] for part in parts]
+    names = config.trainings[0].columns
+    trainings = {name: np.array([t.columns[name] for t in config.trainings]) for name in names}
+    return {
+        **{name: np.tile(x, len(parts)) for name, x in trainings.items()},
+        "env_steps": np.concatenate(steps),
+        "episode_return": np.concatenate(returns),
+    }
+
+
+def _write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for row in zip(*columns.values(), strict=True):
+            writer.writerow("" if np.isnan(x) else f"{x:.7g}" for x in row)

@@ -1,0 +1,153 @@
+"""docs/results.md: what was measured, from the published results alone."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hitmdp_jax.analysis.results import EPISODES, Cell, Columns, read
+from hitmdp_jax.analysis.statistics import (
+    difference,
+    interquartile_mean,
+    number,
+    probability_of_improvement,
+    with_interval,
+)
+from hitmdp_jax.analysis.tables import Rows, markdown
+
+INTRODUCTION = f"""# What was measured
+
+Written by `python -m hitmdp_jax.reproduce results` from the raw data in `results/`, which the
+commands below made; nothing here is typed by hand. Returns are undiscounted.
+
+- *last {EPISODES} episodes*: of the training policy, over which the paper averages its curves; mean
+  and standard deviation over seeds;
+- *IQM*: interquartile mean over seeds of the training policy's last 100k steps, with its 95%
+  bootstrap interval (Agarwal et al. 2021);
+- *deterministic*: {EPISODES} episodes a seed of the final policy's likeliest options and actions;
+  mean and standard deviation over seeds;
+- *options, duration*: seeds in which two options or more have at least 5% of the last 100k steps
+  each, and how many steps the option used most lasts (median of seeds).
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Suite:
+    """A table: algorithms' arms on tasks, and what the paper says of them."""
+
+    title: str
+    about: str
+    settings: list[str]  # of every run
+    tasks: dict[str, list[str]]  # name -> what is its own
+    arms: dict[str, list[str]]
+    control: str | None  # the arm that the others are measured against
+    paper: dict[str, dict[str, float]]  # arm -> task -> the paper's return
+    elsewhere: str  # what others published
+
+    def settings_of(self, task: str, arm: str) -> list[str]:
+        """Return the settings of one cell."""
+        return [*self.tasks[task], *self.arms[arm], *self.settings]
+
+
+def page(suites: Mapping[str, Suite], results: Path) -> str:
+    """Return the page, in Markdown.
+
+    Args:
+      suites: name -> table.
+      results: the folder of the published cells.
+    """
+    return "\n".join([INTRODUCTION, *(section(name, s, results) for name, s in suites.items())])
+
+
+def section(name: str, suite: Suite, results: Path) -> str:
+    """Return what is told of one table: a table a task, what is missing, and the commands."""
+    cells = {
+        task: {arm: cell for arm in suite.arms if (cell := read(results / task / arm))}
+        for task in suite.tasks
+    }
+    parts = [f"## {suite.title}\n", suite.about, "", suite.elsewhere, ""]
+    parts += [f"`python -m hitmdp_jax.reproduce {name}` makes it, or goes on with it.", ""]
+    for task, published in cells.items():
+        if published:
+            parts += [f"### {task}\n", markdown(table(suite, task, published))]
+    missing = {
+        task: [arm for arm in suite.arms if arm not in published]
+        for task, published in cells.items()
+    }
+    if any(missing.values()):
+        told = "; ".join(f"{task} ({', '.join(arms)})" for task, arms in missing.items() if arms)
+        parts += [f"Not run: {told}.\n"]
+    runs = [["run", "command", "day", "hours", "with"]]
+    runs += [
+        [f"{task}/{arm}", f"`{cell.about['command']}`", *_told(cell)]
+        for task, published in cells.items()
+        for arm, cell in published.items()
+    ]
+    if len(runs) > 1:
+        parts += ["<details><summary>Commands</summary>\n", markdown(runs), "</details>\n"]
+    return "\n".join(parts)
+
+
+def _told(cell: Cell) -> list[str]:
+    return [str(cell.about["day"]), f"{cell.about['hours']:.2f}", cell.about["with"]]
+
+
+def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:
+    """Return what a suite's arms did on a task as rows of text, the header first."""
+    control = cells.get(suite.control or "")
+    first = next(iter(cells.values()))
+    if first.config.sweep:
+        return _by_setting(first)
+    transfer = first.config.switch_at is not None
+    header = ["", "seeds", f"last {EPISODES} episodes", "IQM [95% interval]"]
+    header += ["first task, IQM", "mean after the switch, IQM"] if transfer else []
+    header += [f"minus {suite.control} [95% interval]", "P(better)"] if control else []
+    header += ["deterministic", "options, duration", "paper"]
+    rows = [header]
+    for arm, cell in cells.items():
+        seeds = cell.seeds
+        row = [arm, str(len(seeds["seed"])), _spread(seeds["last_20_episodes"])]
+        row += [with_interval(interquartile_mean, seeds["last_100k_steps"])]
+        if transfer:
+            names = ("first_task", "whole_second_task")
+            row += [with_interval(interquartile_mean, seeds[name]) for name in names]
+        if control:
+            row += _against(seeds["last_100k_steps"], control.seeds["last_100k_steps"])
+        printed = suite.paper.get(arm, {}).get(task, np.nan)
+        rows.append([*row, _spread(seeds["evaluation"]), _options(seeds), number(printed)])
+    return rows
+
+
+def _against(x: np.ndarray, control: np.ndarray) -> list[str]:
+    if x is control:
+        return ["", ""]
+    better = float(probability_of_improvement(x, control))
+    return [with_interval(difference, x, control), number(better, ".2f")]
+
+
+def _options(seeds: Columns) -> str:
+    if "options_used" not in seeds:
+        return "-"
+    used = seeds["options_used"]
+    duration = float(np.median(seeds["main_option_duration"]))
+    return f"{(used >= 2).sum()}/{len(used)}, {number(duration)}"
+
+
+def _by_setting(cell: Cell) -> Rows:
+    """Return how many options each setting of a sweep uses, as Figure 11 counts them."""
+    seeds, (name, *_) = cell.seeds, list(cell.config.sweep or {})
+    most = int(cell.config.algo["num_options"])
+    counts = [f"{k} option{'s' if k > 1 else ''}" for k in range(1, most + 1)]
+    rows = [[name.removeprefix("algo."), "seeds", *counts, "IQM [95% interval]", "deterministic"]]
+    for value in dict.fromkeys(seeds[name]):
+        own = {column: x[seeds[name] == value] for column, x in seeds.items()}
+        used = [str(int((own["options_used"] == k).sum())) for k in range(1, most + 1)]
+        returns = with_interval(interquartile_mean, own["last_100k_steps"])
+        seeds_of_it = str(len(own["seed"]))
+        rows.append([f"{value:g}", seeds_of_it, *used, returns, _spread(own["evaluation"])])
+    return rows
+
+
+def _spread(x: Sequence[float] | np.ndarray) -> str:
+    return f"{number(float(np.mean(x)))} ± {number(float(np.std(x)))}"

@@ -1,0 +1,143 @@
+"""The paper's tables, and other fixed sets of runs: trained, published, and told of on one page."""
+
+import datetime
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+import hitmdp_jax
+from hitmdp_jax.analysis import results
+from hitmdp_jax.analysis.results_page import Suite, page, section
+from hitmdp_jax.commands.arms import configs_of, named, train_arms
+from hitmdp_jax.errors import UsageError, unknown_name
+from hitmdp_jax.machine import versions
+from hitmdp_jax.training.config import RunConfig
+
+SUITES = Path(hitmdp_jax.__file__).parent / "suites"
+RUNS = Path("runs/results")
+# What a suite's command line names beside the settings of train.py.
+OWN = {"tasks": "all", "arms": "all", "results": "results", "page": "docs/results.md"}
+
+
+def names() -> list[str]:
+    """Return the suites that come with the package, in the order of the page."""
+    order = ["table1", "table2", "table3", "figure11"]
+    found = sorted(path.stem for path in SUITES.glob("*.yaml"))
+    return sorted(found, key=lambda name: order.index(name) if name in order else len(order))
+
+
+def read(name: str) -> Suite:
+    """Return a suite that comes with the package."""
+    return Suite(**yaml.safe_load((SUITES / f"{name}.yaml").read_text()))
+
+
+def run_suite(name: str, arguments: Sequence[str]) -> int:
+    """Train, or go on with, every cell that is not published yet; return the exit code.
+
+    Args:
+      name: the suite's.
+      arguments: `tasks=`, `arms=`: which of its cells; `results=`, `page=`: where to; and settings
+        of train.py, for every run.
+
+    Raises:
+      UsageError: a setting is wrong, a published cell is of other settings, or a run failed.
+    """
+    suite, (own, settings) = read(name), _own(arguments)
+    tasks = _chosen("task", own["tasks"], suite.tasks)
+    arms = _chosen("arm", own["arms"], suite.arms)
+    folder = Path(own["results"])
+    commands = {
+        f"{task}/{arm}": [*suite.settings_of(task, arm), *settings]
+        for task in tasks
+        for arm in arms
+    }
+    # All are checked before the first is trained.
+    configs = configs_of(commands)
+    wanted = [cell for cell, config in configs.items() if not _is_there(folder / cell, config)]
+    for cell in wanted:
+        run_dir = RUNS / f"{cell}-{configs[cell].seed}-{configs[cell].seeds}"
+        if code := train_arms({run_dir.name: commands[cell]}, run_dir.parent):
+            return code
+        about = {
+            "command": " ".join(["python train.py", *commands[cell]]),
+            "day": datetime.date.today().isoformat(),
+            "with": ", ".join(versions()),
+        }
+        results.publish(run_dir, folder / cell, evaluated(run_dir), about)
+        write_page(folder, Path(own["page"]))
+        print(f"{cell}: published in {folder / cell}", flush=True)
+    print(section(name, suite, folder))
+    return 0
+
+
+def report(arguments: Sequence[str]) -> int:
+    """Write the page of everything that is published.
+
+    Raises:
+      UsageError: an argument is neither `results=` nor `page=`.
+    """
+    own, rest = _own(arguments)
+    if rest:
+        raise unknown_name("setting", rest[0].split("=")[0], ("results", "page"))
+    write_page(Path(own["results"]), Path(own["page"]))
+    print(f"Written: {own['page']}.")
+    return 0
+
+
+def write_page(folder: Path, path: Path) -> None:
+    """Write the page of the cells that are published in a folder."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page({name: read(name) for name in names()}, folder))
+
+
+def evaluated(run_dir: Path) -> dict[str, np.ndarray]:
+    """Return how the deterministic policies of a run score: mean and spread of episodes [R]."""
+    command = [sys.executable, "-m", "hitmdp_jax.evaluate", str(run_dir), "--deterministic"]
+    command += ["--episodes", str(results.EPISODES), "--json"]
+    rows = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    names = {"evaluation": "return", "evaluation_std": "std"}
+    return {name: np.array([row[column] for row in rows]) for name, column in names.items()}
+
+
+def _own(arguments: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+    """Return a suite's own settings, and the other arguments."""
+    given = named(arguments)
+    rest = [text for text in arguments if text.split("=", 1)[0] not in OWN]
+    return {name: given.get(name, default) for name, default in OWN.items()}, rest
+
+
+def _chosen(kind: str, listed: str, known: dict[str, Any]) -> list[str]:
+    chosen = list(known) if listed == "all" else listed.split(",")
+    for name in chosen:
+        if name not in known:
+            raise unknown_name(kind, name, known)
+    return chosen
+
+
+def _is_there(folder: Path, config: RunConfig) -> bool:
+    """Return whether a cell is published with at least the seeds that are asked for.
+
+    Raises:
+      UsageError: it is of other settings.
+    """
+    cell = results.read(folder)
+    if cell is None:
+        return False
+    if differences := cell.stands_for(config):
+        raise UsageError(
+            f"'{folder}' was published with other settings ({'; '.join(differences)}): remove it, "
+            "or name another results=."
+        )
+    return cell.config.seeds >= config.seeds
+
+
+TARGETS: dict[str, Callable[[list[str]], int]] = {
+    **{name: lambda arguments, name=name: run_suite(name, arguments) for name in names()},
+    "results": report,
+}

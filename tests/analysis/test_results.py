@@ -1,0 +1,124 @@
+"""What is published of a run, against plain loops over its reports."""
+
+import csv
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hitmdp_jax.analysis import results
+from hitmdp_jax.training.config import RunConfig
+
+TASK = {"name": "dmc/cheetah_run"}
+
+
+def made_up(random, reports=150, seeds=3, options=2):
+    """Return metrics as `read_metrics` gives them, of reports of 2048 steps."""
+    shape = (seeds, reports)
+    episodes = random.integers(0, 4, shape).astype(float)
+    returns = np.where(episodes > 0, random.normal(100, 30, shape), np.nan)
+    metrics = {
+        "env_steps": np.tile(2048.0 * np.arange(1, reports + 1), (seeds, 1)),
+        "episodes": episodes,
+        "episode_return": returns,
+        "steps_per_second": np.full(shape, 1000.0),
+    }
+    for k in range(options):
+        metrics[f"option_steps_{k}"] = random.integers(1, 2000, shape).astype(float)
+        metrics[f"option_activations_{k}"] = random.integers(1, 50, shape).astype(float)
+    return metrics
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.integers(0, 300_000))
+def test_the_last_episodes_are_those_a_loop_from_the_end_finds(seed, count, since):
+    metrics = made_up(np.random.default_rng(seed))
+    for i, found in enumerate(results.last_episodes(metrics, count, since)):
+        total = episodes = 0.0
+        for t in reversed(range(metrics["env_steps"].shape[1])):
+            if episodes >= count or metrics["env_steps"][i, t] <= since:
+                break
+            if metrics["episodes"][i, t]:
+                episodes += metrics["episodes"][i, t]
+                total += metrics["episodes"][i, t] * metrics["episode_return"][i, t]
+        expected = total / episodes if episodes >= count else np.nan
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_a_curve_holds_every_episode_once():
+    metrics = made_up(np.random.default_rng(0))
+    config = RunConfig(algo={"name": "mopg"}, env=TASK, seeds=3, seed=7, total_steps=150 * 2048)
+    curve = results.curve(config, metrics)
+    assert len(curve["seed"]) == 3 * results.POINTS
+    own = curve["seed"] == 8
+    steps, returns = curve["env_steps"][own], curve["episode_return"][own]
+    assert steps[-1] == 150 * 2048
+    ends = np.searchsorted(metrics["env_steps"][1], steps)
+    for point, (start, end) in enumerate(zip([-1, *ends[:-1]], ends, strict=True)):
+        part = slice(start + 1, end + 1)
+        episodes, values = metrics["episodes"][1, part], metrics["episode_return"][1, part]
+        expected = np.nansum(episodes * values) / episodes.sum() if episodes.sum() else np.nan
+        np.testing.assert_allclose(returns[point], expected, rtol=1e-12)
+
+
+def test_a_transfer_tells_its_tasks_apart():
+    metrics = made_up(np.random.default_rng(1), reports=200)
+    metrics["episode_return"][:, :100] = 5.0
+    metrics["episode_return"][:, 100:] = 7.0
+    config = RunConfig(
+        algo={"name": "mopg"}, env=TASK, second_env=TASK, seeds=3, total_steps=100 * 2048
+    )
+    columns = results.columns_of(config, metrics)
+    np.testing.assert_allclose(columns["first_task"], 5.0)
+    np.testing.assert_allclose(columns["whole_second_task"], 7.0)
+    np.testing.assert_allclose(columns["last_100k_steps"], 7.0)
+    assert (columns["options_used"] == 2).all()
+
+
+@pytest.fixture
+def cell(tmp_path):
+    """A published cell of two seeds, 3 and 4."""
+    run_dir, metrics = tmp_path / "run", made_up(np.random.default_rng(2), seeds=2)
+    run_dir.mkdir()
+    config = RunConfig(algo={"name": "mopg"}, env={"name": "swimmer"}, seeds=2, seed=3)
+    (run_dir / "config.yaml").write_text(config.to_yaml())
+    with (run_dir / "metrics.csv").open("w") as file:
+        writer = csv.writer(file)
+        writer.writerow(["iteration", "seed", *metrics])
+        for t in range(150):
+            for i in range(2):
+                writer.writerow([t + 1, 3 + i, *(x[i, t] for x in metrics.values())])
+    folder = tmp_path / "results" / "swimmer" / "mopg"
+    for _ in range(2):  # a second time replaces the first
+        results.publish(run_dir, folder, {"evaluation": np.array([1.5, np.nan])}, {"day": "today"})
+    return folder, config, metrics
+
+
+def test_what_is_published_is_read_back(cell):
+    folder, config, metrics = cell
+    read = results.read(folder)
+    assert read is not None
+    assert read.config == config
+    assert read.about == {
+        "day": "today",
+        "hours": pytest.approx(150 * 2048 / 1000 / 3600, abs=0.01),
+    }
+    np.testing.assert_array_equal(read.seeds["seed"], [3, 4])
+    np.testing.assert_array_equal(read.seeds["evaluation"], [1.5, np.nan])
+    expected = results.last_episodes(metrics, 20)
+    np.testing.assert_allclose(read.seeds["last_20_episodes"], expected, rtol=1e-6)
+    assert [path.name for path in folder.parent.iterdir()] == ["mopg"]
+
+
+def test_a_cell_stands_for_fewer_seeds_and_no_other_setting(cell):
+    folder, config, _ = cell
+    read = results.read(folder)
+    assert read is not None
+    assert read.stands_for(RunConfig(**config.to_dict() | {"seeds": 1})) == []
+    other = RunConfig(**config.to_dict() | {"total_steps": 5})
+    assert read.stands_for(other) == ["total_steps: 5 here, 1000000 there"]
+
+
+def test_nothing_is_read_where_nothing_is_published(tmp_path):
+    assert results.read(tmp_path) is None

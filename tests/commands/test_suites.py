@@ -1,0 +1,63 @@
+"""`python -m hitmdp_jax.reproduce table1` and its like, as a user runs them."""
+
+import pytest
+
+from hitmdp_jax.commands import suites
+from hitmdp_jax.commands.arms import configs_of
+from tests.commands.conftest import CHECKOUT, SMALL
+
+
+@pytest.mark.parametrize("name", suites.names())
+def test_every_cell_of_a_suite_can_be_run_and_the_paper_speaks_of_no_other(name):
+    suite = suites.read(name)
+    cells = {(t, a): suite.settings_of(t, a) for t in suite.tasks for a in suite.arms}
+    configs = configs_of({f"{task}/{arm}": settings for (task, arm), settings in cells.items()})
+    assert all(config.seeds >= 10 and config.total_steps == 10**6 for config in configs.values())
+    assert suite.control is None or suite.control in suite.arms
+    assert {(t, a) for a, tasks in suite.paper.items() for t in tasks} <= set(cells)
+
+
+def test_the_page_is_that_of_the_published_results(tmp_path):
+    suites.write_page(CHECKOUT / "results", tmp_path / "results.md")
+    assert (tmp_path / "results.md").read_text() == (CHECKOUT / "docs/results.md").read_text()
+
+
+def test_a_suite_is_trained_published_and_not_trained_again(command, tmp_path):
+    part = ["tasks=invertedpendulum", "arms=ppo,mopg", *SMALL, "total_steps=2048", "seeds=2"]
+    arguments = ["table2", *part]
+    result = command("reproduce", *arguments, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    page = (tmp_path / "docs" / "results.md").read_text()
+    assert "| ppo | 2 |" in page
+    assert "Not run: walker2d (mopg, mopg-printed, ppo," in page
+    assert "python train.py env=invertedpendulum algo=ppo physics=native" in page
+    published = tmp_path / "results" / "invertedpendulum" / "mopg" / "seeds.csv"
+    header, first, _ = published.read_text().splitlines()
+    assert header.startswith("seed,last_20_episodes,last_100k_steps,options_used,")
+    assert first.startswith("100,")
+    before = published.stat().st_mtime_ns
+    (tmp_path / "docs" / "results.md").unlink()
+    again = command("reproduce", *arguments[:-1], "seeds=1", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert published.stat().st_mtime_ns == before
+    written = command("reproduce", "results", cwd=tmp_path)
+    assert written.returncode == 0, written.stderr
+    assert (tmp_path / "docs" / "results.md").read_text() == page
+    other = command("reproduce", *arguments, "algo.gamma=0.9", cwd=tmp_path)
+    assert other.returncode == 2
+    assert "was published with other settings (algo.gamma: 0.9 here, 0.99 there)" in other.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["table1", "tasks=swimer"], "Unknown task 'swimer'; did you mean 'swimmer'?"),
+        (["table1", "arms=mopg,dca"], "Unknown arm 'dca'; did you mean 'dac'?"),
+        (["table1", "total_step=5"], "Unknown setting 'total_step'"),
+        (["results", "pages=a.md"], "Unknown setting 'pages'; did you mean 'page'?"),
+    ],
+)
+def test_bad_input_is_explained(command, tmp_path, arguments, sentence):
+    result = command("reproduce", *arguments, cwd=tmp_path)
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    assert result.stderr.startswith(f"error: {sentence}")
