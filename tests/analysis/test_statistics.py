@@ -62,7 +62,7 @@ def test_interval_is_that_of_rliable():
 @pytest.mark.parametrize(
     ("scores", "iqm", "low", "high"),
     [
-        ((3632, 3728, 3040, 3416), 3524, 3040, 3728),  # docs/results.md, as rliable gave them
+        ((3632, 3728, 3040, 3416), 3524, 3040, 3728),  # as rliable gave them
         ((2265, 2977, 2405, 1995), 2335, 1995, 2977),
     ],
 )
