@@ -44,6 +44,7 @@ class Suite:
     control: str | None  # the arm that the others are measured against
     paper: dict[str, dict[str, float]]  # arm -> task -> the paper's return
     elsewhere: str  # what others published
+    policies: list[str]  # the arms whose best policy is published
 
     def settings_of(self, task: str, arm: str) -> list[str]:
         """Return the settings of one cell."""

@@ -18,6 +18,7 @@ from hitmdp_jax.commands.arms import configs_of, named, train_arms
 from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.machine import versions
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.policy import extract
 
 SUITES = Path(hitmdp_jax.__file__).parent / "suites"
 RUNS = Path("runs/results")
@@ -70,10 +71,21 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
             "with": ", ".join(versions()),
         }
         results.publish(run_dir, folder / cell, evaluated(run_dir), about)
+        if cell.split("/")[1] in suite.policies:
+            publish_policy(run_dir, folder / cell)
         write_page(folder, Path(own["page"]))
         print(f"{cell}: published in {folder / cell}", flush=True)
     print(section(name, suite, folder))
     return 0
+
+
+def publish_policy(run_dir: Path, folder: Path) -> None:
+    """Keep the policy, of those of a published cell, whose deterministic episodes score best."""
+    cell = results.read(folder)
+    assert cell is not None
+    best = int(np.nanargmax(cell.seeds["evaluation"]))
+    training = cell.config.trainings[best]
+    extract(run_dir, folder / "policy", training.seed, setting=training.setting)
 
 
 def report(arguments: Sequence[str]) -> int:

@@ -112,6 +112,22 @@ class Checkpoints:
 
         self._attempt(write)
 
+    def save_policy(self, iteration: int, policy: dict[str, Any]) -> None:
+        """Save what acting needs, without the state that a training would go on from.
+
+        Args:
+          iteration: after which the policy acted so.
+          policy: as `restore_policy` gives it.
+        """
+        words = {"schema": SCHEMA, "task": 0, "iteration": iteration, "recent_return": None}
+        items = ocp.args.Composite(
+            **{
+                POLICY: ocp.args.StandardSave(policy),  # pyright: ignore
+                PROGRESS: ocp.args.JsonSave(words),  # pyright: ignore
+            }
+        )
+        self._attempt(lambda: self._manager.save(iteration, args=items))
+
     def restore(self, like: Callable[[int], TrainState]) -> Progress:
         """Return the newest checkpoint that can be read, on the first device.
 

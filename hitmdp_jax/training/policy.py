@@ -21,6 +21,7 @@ from hitmdp_jax.training.checkpoint import Checkpoints, Progress, normalizer_of,
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import claim
 from hitmdp_jax.training.program import TrainState
+from hitmdp_jax.training.sweep import PREFIX
 
 
 class Policy(struct.PyTreeNode):
@@ -183,6 +184,42 @@ def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: boo
     checkpoints.close()
     if checkpoints.failure:
         raise UsageError(f"'{run_dir}' cannot be written: {checkpoints.failure}")
+
+
+def extract(
+    run_dir: str | Path,
+    folder: str | Path,
+    seed: int | None = None,
+    checkpoint: int | str = "newest",
+    setting: int = 0,
+) -> None:
+    """Copy one policy of a run into a folder of its own, which `load` reads: a few hundred kB.
+
+    It holds the settings, as of a run of that seed alone, and nothing to train on from.
+
+    Args:
+      run_dir: the run's folder.
+      folder: where to; made if need be.
+      seed: which of the run's seeds; None takes the first.
+      checkpoint: "newest", "best", or an iteration that was saved.
+      setting: which setting of a sweep.
+
+    Raises:
+      UsageError: as `load`; or the folder holds a run or cannot be written.
+    """
+    config = RunConfig.load(_folder(run_dir))
+    (place, *_) = places(config, config.seed if seed is None else seed, setting)
+    iteration, everyone = load_all(run_dir, checkpoint)
+    training = config.trainings[place]
+    swept = {name.removeprefix(PREFIX): x for name, x in training.swept.items()}
+    alone = {"seeds": 1, "seed": training.seed, "sweep": None, "samples": None}
+    own = dataclasses.replace(config, algo=config.algo | swept, **alone)
+    learned = {"params": everyone.params, **dataclasses.asdict(everyone.normalizer)}
+    checkpoints = Checkpoints(claim(_folder(folder), own))
+    checkpoints.save_policy(iteration, jax.tree.map(lambda x: x[place : place + 1], learned))
+    checkpoints.close()
+    if checkpoints.failure:
+        raise UsageError(f"'{folder}' cannot be written: {checkpoints.failure}")
 
 
 def describe(agent: Agent) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import yaml
 import hitmdp_jax
 from hitmdp_jax.agents import MOPG, PPO
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training.policy import load_all
+from hitmdp_jax.training.policy import extract, load_all
 from tests.probes import Target
 
 SIZES = {"num_steps": 128, "num_envs": 8, "rollout_length": 16}
@@ -115,3 +115,15 @@ def test_an_agent_with_traced_hyperparameters_is_saved_with_its_numbers(states, 
     agent = PPO(learning_rate=jnp.float32(1e-3), num_epochs=1)
     hitmdp_jax.save(tmp_path / "run", agent, after_an_iteration(agent, 1))
     assert hitmdp_jax.load(tmp_path / "run").agent.learning_rate == pytest.approx(1e-3)
+
+
+def test_a_policy_is_copied_out_of_a_run(saved, tmp_path):
+    extract(saved, tmp_path / "one", seed=1)
+    policy, original = hitmdp_jax.load(tmp_path / "one"), hitmdp_jax.load(saved, seed=1)
+    jax.tree.map(np.testing.assert_array_equal, policy, original)
+    size = sum(path.stat().st_size for path in (tmp_path / "one").rglob("*") if path.is_file())
+    assert size < 2 * 2**20
+    with pytest.raises(UsageError, match="holds a run already"):
+        extract(saved, tmp_path / "one")
+    with pytest.raises(UsageError, match="seed = 5 is not in the run"):
+        extract(saved, tmp_path / "two", seed=5)
