@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from hitmdp_jax.analysis.causal import Effects, Interventions
 from hitmdp_jax.analysis.clusters import Projection
-from hitmdp_jax.analysis.figures import OPTION_COLORS, option_color, option_curves, smooth
+from hitmdp_jax.analysis.figures import OPTION_COLORS, WINDOW, option_color, option_curves, smooth
 
 POINTS = 400  # of a curve, and episodes' steps are shown whole
 SCATTERED = 1500  # states of a scatter plot
@@ -32,7 +32,11 @@ def figure(height: int = 360, **layout: Any) -> go.Figure:
 
 
 def learning_curves(
-    runs: Mapping[str, Mapping[str, np.ndarray]], column: str, title: str, switch_at: int | None
+    runs: Mapping[str, Mapping[str, np.ndarray]],
+    column: str,
+    title: str,
+    switch_at: int | None,
+    window: int = WINDOW,
 ) -> go.Figure:
     """Draw a metric of every seed, thin, and the mean over seeds.
 
@@ -41,12 +45,13 @@ def learning_curves(
       column: which metric.
       title: what the vertical axis shows.
       switch_at: environment steps after which a transfer's second task began.
+      window: points over which a curve is smoothed.
     """
     shown = figure(420, xaxis_title="environment steps", yaxis_title=title)
     for i, (name, metrics) in enumerate(runs.items()):
         color = OPTION_COLORS[i % len(OPTION_COLORS)]
         chosen = np.unique(np.linspace(0, metrics["env_steps"].shape[1] - 1, POINTS).astype(int))
-        steps, values = metrics["env_steps"][0, chosen], smooth(metrics[column])[:, chosen]
+        steps, values = metrics["env_steps"][0, chosen], smooth(metrics[column], window)[:, chosen]
         for seed, curve in zip(metrics["seed"][:, 0].astype(int), values, strict=True):
             shown.add_scatter(
                 x=steps,

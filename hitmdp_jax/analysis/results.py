@@ -81,6 +81,15 @@ def read(folder: Path) -> Cell | None:
     return Cell(RunConfig.load(folder), seeds, yaml.safe_load((folder / ABOUT).read_text()))
 
 
+def read_curve(folder: Path) -> Columns:
+    """Return a published cell's curves as `read_metrics` gives those of a run: [R, points] each."""
+    with (folder / CURVE).open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    size = sum(row["env_steps"] == rows[0]["env_steps"] for row in rows)
+    columns = {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
+    return {name: x.reshape(-1, size).T for name, x in columns.items()}
+
+
 def columns_of(config: RunConfig, metrics: Mapping[str, np.ndarray]) -> Columns:
     """Return what is told of each training of a run; returns are those of the training policy.
 

@@ -15,6 +15,7 @@ Targets:
            trained again, what was stopped goes on. `tasks=` and `arms=` name a part of it
            (`table1 tasks=swimmer arms=mopg,ppo`); other settings are those of train.py (`seeds=4`).
   results  writes docs/results.md from what is published (`results=`, `page=`: other places)
+  curves   draws all published curves, seeds and profiles on one page, results.html
 
 Figures of a trained run: `python -m hitmdp_jax.reproduce FIGURE RUN_DIR` writes it into
 RUN_DIR/figures/. `--seed N` picks one of the run's seeds, its first otherwise; where a figure shows

@@ -89,17 +89,36 @@ def publish_policy(run_dir: Path, folder: Path) -> None:
 
 
 def report(arguments: Sequence[str]) -> int:
-    """Write the page of everything that is published.
+    """Write the page of everything that is published; Raises as `_places`."""
+    folder, path = _places(arguments, OWN["page"])
+    write_page(folder, path)
+    print(f"Written: {path}.")
+    return 0
+
+
+def draw(arguments: Sequence[str]) -> int:
+    """Write a page of all curves that are published; Raises as `_places`."""
+    # Imported here: Plotly takes as long to import as the rest of the command.
+    from hitmdp_jax.analysis.results_curves import curves_page
+
+    folder, path = _places(arguments, "results.html")
+    path.write_text(curves_page({name: read(name) for name in names()}, folder))
+    print(f"Written: {path}.")
+    return 0
+
+
+def _places(arguments: Sequence[str], page: str) -> tuple[Path, Path]:
+    """Return the folder of what is published, and where a page of it goes.
 
     Raises:
       UsageError: an argument is neither `results=` nor `page=`.
     """
-    own, rest = _own(arguments)
-    if rest:
-        raise unknown_name("setting", rest[0].split("=")[0], ("results", "page"))
-    write_page(Path(own["results"]), Path(own["page"]))
-    print(f"Written: {own['page']}.")
-    return 0
+    given = {"results": OWN["results"], "page": page}
+    for text in arguments:
+        if text.split("=", 1)[0] not in given:
+            raise unknown_name("setting", text.split("=", 1)[0], given)
+    given |= named(arguments)
+    return Path(given["results"]), Path(given["page"])
 
 
 def write_page(folder: Path, path: Path) -> None:
@@ -152,4 +171,5 @@ def _is_there(folder: Path, config: RunConfig) -> bool:
 TARGETS: dict[str, Callable[[list[str]], int]] = {
     **{name: lambda arguments, name=name: run_suite(name, arguments) for name in names()},
     "results": report,
+    "curves": draw,
 }

@@ -109,6 +109,9 @@ def test_what_is_published_is_read_back(cell):
     expected = results.last_episodes(metrics, 20)
     np.testing.assert_allclose(read.seeds["last_20_episodes"], expected, rtol=1e-6)
     assert [path.name for path in folder.parent.iterdir()] == ["mopg"]
+    curve, expected = results.read_curve(folder), results.curve(config, metrics)
+    for name, x in curve.items():
+        np.testing.assert_allclose(x.T.ravel(), expected[name], rtol=1e-6)
 
 
 def test_a_cell_stands_for_fewer_seeds_and_no_other_setting(cell):

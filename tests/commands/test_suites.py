@@ -43,6 +43,9 @@ def test_a_suite_is_trained_published_and_not_trained_again(command, tmp_path):
     written = command("reproduce", "results", cwd=tmp_path)
     assert written.returncode == 0, written.stderr
     assert (tmp_path / "docs" / "results.md").read_text() == page
+    drawn = command("reproduce", "curves", cwd=tmp_path)
+    assert drawn.returncode == 0, drawn.stderr
+    assert "ppo, seed 101" in (tmp_path / "results.html").read_text()
     other = command("reproduce", *arguments, "algo.gamma=0.9", cwd=tmp_path)
     assert other.returncode == 2
     assert "was published with other settings (algo.gamma: 0.9 here, 0.99 there)" in other.stderr
@@ -54,6 +57,7 @@ def test_a_suite_is_trained_published_and_not_trained_again(command, tmp_path):
         (["table1", "tasks=swimer"], "Unknown task 'swimer'; did you mean 'swimmer'?"),
         (["table1", "arms=mopg,dca"], "Unknown arm 'dca'; did you mean 'dac'?"),
         (["table1", "total_step=5"], "Unknown setting 'total_step'"),
+        (["curves", "tasks=ant"], "Unknown setting 'tasks'"),
         (["results", "pages=a.md"], "Unknown setting 'pages'; did you mean 'page'?"),
     ],
 )

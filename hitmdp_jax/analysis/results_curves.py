@@ -1,0 +1,44 @@
+"""One page of all published curves, seeds and profiles; everything it needs is in it."""
+
+import functools
+from collections.abc import Mapping
+from pathlib import Path
+
+from hitmdp_jax.analysis import plots
+from hitmdp_jax.analysis.report import Parts, chart, page, preformatted, text
+from hitmdp_jax.analysis.results import Cell, read, read_curve
+from hitmdp_jax.analysis.results_page import Suite
+from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean
+
+
+def curves_page(suites: Mapping[str, Suite], results: Path) -> str:
+    """Return the page [HTML].
+
+    Args:
+      suites: name -> table.
+      results: the folder of the published cells.
+    """
+    arms = {task: {} for suite in suites.values() for task in suite.tasks}
+    for suite in suites.values():
+        for task in suite.tasks:
+            arms[task] |= dict.fromkeys(suite.arms)
+    sections = {}
+    for task, names in arms.items():
+        cells = {name: cell for name in names if (cell := read(results / task / name))}
+        if cells:
+            sections[task] = functools.partial(_task, cells, results / task)
+    return page("Published results", "every seed of every run in results/", sections)
+
+
+def _task(cells: Mapping[str, Cell], folder: Path) -> Parts:
+    curves = {name: read_curve(folder / name) for name in cells}
+    switches = {cell.config.switch_at for cell in cells.values()}
+    switch = switches.pop() if len(switches) == 1 else None
+    yield chart(plots.learning_curves(curves, "episode_return", "return", switch, window=1))
+    returns = {name: cell.seeds["last_100k_steps"] for name, cell in cells.items()}
+    middles = [interquartile_mean(x) for x in returns.values()]
+    ends = [bootstrap_interval(interquartile_mean, x) for x in returns.values()]
+    yield chart(plots.intervals(list(returns), list(returns.values()), middles, ends))
+    yield text("Above: the last 100k steps of every seed, and the interquartile mean.")
+    yield chart(plots.profiles(list(returns), list(returns.values())))
+    yield preformatted("\n".join(cell.about["command"] for cell in cells.values()))
