@@ -54,7 +54,7 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
     arms = _chosen("arm", own["arms"], suite.arms)
     folder = Path(own["results"])
     commands = {
-        f"{task}/{arm}": [*suite.settings_of(task, arm), *settings]
+        f"{task}/{arm}": _last_of_each([*suite.settings_of(task, arm), *settings])
         for task in tasks
         for arm in arms
     }
@@ -141,6 +141,11 @@ def _own(arguments: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     given = named(arguments)
     rest = [text for text in arguments if text.split("=", 1)[0] not in OWN]
     return {name: given.get(name, default) for name, default in OWN.items()}, rest
+
+
+def _last_of_each(settings: Sequence[str]) -> list[str]:
+    """Return settings without those that a later one of the same name replaces."""
+    return list({text.split("=", 1)[0]: text for text in settings}.values())
 
 
 def _chosen(kind: str, listed: str, known: dict[str, Any]) -> list[str]:
