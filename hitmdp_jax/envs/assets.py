@@ -9,6 +9,8 @@ import mujoco
 from hitmdp_jax.errors import UsageError
 
 GYMNASIUM_ASSETS = ("gymnasium", "envs/mujoco/assets")
+CONTACTS = "max_contact_points"  # the number in which a model tells MJX how many it may solve for
+ALL = -1.0
 
 
 def asset_path(package: str, *parts: str) -> Path:
@@ -55,6 +57,7 @@ def load_model(
         raise UsageError(f"There is no model file '{source}'.")
     if edit is not None:
         edit(spec)
+    _number_first(spec, CONTACTS, ALL)
     # MuJoCo 4 warns about this attribute, on the terminal and in a log file, at every load; scaling
     # the compiled model's masses is what the attribute does.
     total_mass, spec.compiler.settotalmass = spec.compiler.settotalmass, -1
@@ -64,6 +67,22 @@ def load_model(
         mujoco.mj_setConst(model, mujoco.MjData(model))
     switch_off_idle_stages(model)
     return model
+
+
+def _number_first(spec: mujoco.MjSpec, name: str, value: float) -> None:
+    """Add a custom number before those that the model has, unless it has this one.
+
+    MJX 3.17 takes a number's place in the list for its place among all values: behind numbers of
+    several values it would read one of theirs.
+    """
+    others = list(spec.numerics)
+    if name in (number.name for number in others):
+        return
+    kept = [{"name": n.name, "data": list(n.data), "size": n.size} for n in others]
+    for number in others:
+        spec.delete(number)
+    for number in ({"name": name, "data": [value]}, *kept):
+        spec.add_numeric(**number)
 
 
 def switch_off_idle_stages(model: mujoco.MjModel) -> None:

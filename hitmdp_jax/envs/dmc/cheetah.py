@@ -22,7 +22,7 @@ NUM_SETTLED = 1024  # initial states to draw from
 # One control step errs by 3.0e-7 in qpos with 5 and 2 iterations as with 100 and 50, by 1.5e-4 with
 # 4 and 2. One iteration is to spare: random actions do not visit every state, and a converged
 # solver does not use it.
-MJX_BUDGET = SolverBudget(iterations=6, ls_iterations=2)
+MJX_BUDGET = SolverBudget(iterations=6, ls_iterations=2, contacts=8)
 
 
 class CheetahRun(MujocoEnv):

@@ -17,7 +17,7 @@ ROOT_Z = 2  # qpos: height of the torso, m; x and y come before it, its quaterni
 # One control step errs by 1.7e-2 in qpos with 3 and 2 iterations as with 100 and 50, by 6e-2 with 2
 # and 2; one iteration is to spare. These errors are no rounding: on a steep capsule MJX lays the
 # friction pyramid along the world's axes, MuJoCo C along the capsule's. The median error is 1.3e-5.
-MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2)
+MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2, contacts=8)
 
 
 class Ant(MujocoEnv):

@@ -13,7 +13,7 @@ ROOT_X = 0  # qpos: horizontal position of the torso, m
 
 # One control step errs by 4.7e-6 in qpos with 3 and 2 iterations as with 100 and 50, by 0.3 with 2
 # and 2. One iteration is to spare: from a poor warm start 3 err by 3e-3.
-MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2)
+MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2, contacts=8)
 
 
 class HalfCheetah(MujocoEnv):

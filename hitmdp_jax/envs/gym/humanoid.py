@@ -17,7 +17,7 @@ CONTACT_COST_WEIGHT = 5e-7
 
 # One control step errs by 1.1e-5 in qpos with 6 and 4 iterations as with 100 and 50, by 2e-4 with 5
 # and 4, by 1e-3 with 100 and 2. One iteration is to spare.
-MJX_BUDGET = SolverBudget(iterations=7, ls_iterations=4)
+MJX_BUDGET = SolverBudget(iterations=7, ls_iterations=4, contacts=12)
 
 
 class Humanoid(MujocoEnv):

@@ -15,7 +15,7 @@ FRAME_SKIP = 5  # substeps of 0.003 s, RK4
 
 # One control step errs by 1.1e-4 in qpos with 6 and 4 iterations as with 100 and 50, by 9e-4 with 5
 # and 4, by 3e-4 with 100 and 2. One iteration is to spare.
-MJX_BUDGET = SolverBudget(iterations=7, ls_iterations=4)
+MJX_BUDGET = SolverBudget(iterations=7, ls_iterations=4, contacts=24)
 
 
 class HumanoidStandup(MujocoEnv):

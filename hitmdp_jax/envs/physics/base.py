@@ -17,15 +17,17 @@ MAX_VALUE = float(mujoco.mjMAXVAL)
 
 
 class SolverBudget(NamedTuple):
-    """How many iterations MJX's constraint solver may take in a substep.
+    """What MJX's constraint solver may take in a substep.
 
-    MuJoCo C stops when it has converged; a compiled loop over many environments pays for every
-    iteration it is allowed. Each task states the smallest budget whose error after one control step
-    equals that of the full one.
+    MuJoCo C stops when it has converged, and solves for the contacts that there are; a compiled
+    loop over many environments pays for every iteration it is allowed, and for every pair of geoms
+    that could touch. Each task states the smallest budget whose error after one control step equals
+    that of the full one.
     """
 
     iterations: int
     ls_iterations: int
+    contacts: int | None = None  # of each dimension, the deepest; None: of all pairs of geoms
 
 
 class PhysicsState(struct.PyTreeNode):

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from mujoco import mjx
 
+from hitmdp_jax.envs.assets import CONTACTS
 from hitmdp_jax.envs.physics.base import (
     Engine,
     PhysicsState,
@@ -34,11 +35,16 @@ class MjxEngine(Engine):
     full_budget: bool = False
 
     def prepare(self, model: mujoco.MjModel, budget: SolverBudget | None = None) -> None:
-        """Choose Newton where the model names PGS, which MJX lacks; set the task's budget."""
+        """Choose Newton where the model names PGS, which MJX lacks; set the task's budget.
+
+        One with contacts needs a model of `load_model`, which leaves room for their number.
+        """
         if model.opt.solver == mujoco.mjtSolver.mjSOL_PGS:
             model.opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
         if budget is not None and not self.full_budget:
-            model.opt.iterations, model.opt.ls_iterations = budget
+            model.opt.iterations, model.opt.ls_iterations = budget.iterations, budget.ls_iterations
+            if budget.contacts is not None:
+                model.numeric(CONTACTS).data[:] = budget.contacts
 
     def build(
         self,
