@@ -31,6 +31,11 @@ class Interventions(NamedTuple):
     returns: np.ndarray  # [M, N] undiscounted
     lengths: np.ndarray  # [M, N] control steps
 
+    @property
+    def num_options(self) -> int:
+        """K, how many of the ways keep an option throughout."""
+        return len(self.names) - 1 - WITHOUT_EACH_OPTION
+
 
 class Effects(NamedTuple):
     """Mean returns under each way of choosing options, and what they differ by from the first.
@@ -172,6 +177,22 @@ def _error(x: np.ndarray) -> np.ndarray:
     """Return the standard error of the mean of each row of [M, N]."""
     n = x.shape[1]
     return x.std(axis=1, ddof=1) / np.sqrt(n) if n > 1 else np.full(len(x), np.nan)
+
+
+def summary(interventions: Interventions) -> dict[str, float]:
+    """Return the mean returns that tell whether options matter, by the name of a column.
+
+    The best and the worst single option are picked by the same episodes: of equal options, the
+    first looks a little better than it is and the second a little worse.
+    """
+    mean = effects(interventions).mean
+    chosen, alone = mean[: -interventions.num_options], mean[-interventions.num_options :]
+    names = ("own_choices", "shuffled_choices", "uniform_choices", "first_choice")
+    return {
+        **{name: float(x) for name, x in zip(names, chosen, strict=True)},
+        "best_option": float(alone.max()),
+        "worst_option": float(alone.min()),
+    }
 
 
 def table(interventions: Interventions) -> list[list[str]]:

@@ -73,12 +73,16 @@ def score(
         not fit the task.
     """
     check_request(config, engine, episodes)
-    task = config.tasks[-1]
     if engine == "gymnasium":
+        task = config.tasks[-1]
         recorded = record_in_gymnasium(policy, task, key, episodes, deterministic=deterministic)
         return Scores(np.asarray(recorded.returns), np.asarray(recorded.lengths))
-    env = _env(json.dumps(task, sort_keys=True), engine)
-    return score_in_jax(policy, env, episodes, key, deterministic)
+    return score_in_jax(policy, task_env(config, engine), episodes, key, deterministic)
+
+
+def task_env(config: RunConfig, engine: str) -> Env:
+    """Return a run's last task in an engine of JAX; the same object for the same task."""
+    return _env(json.dumps(config.tasks[-1], sort_keys=True), engine)
 
 
 def score_in_jax(

@@ -28,7 +28,9 @@ commands below made; nothing here is typed by hand. Returns are undiscounted.
 - *deterministic*: {EPISODES} episodes a seed of the final policy's likeliest options and actions;
   mean and standard deviation over seeds;
 - *options, duration*: seeds in which two options or more have at least 5% of the last 100k steps
-  each, and how many steps the option used most lasts (median of seeds).
+  each, and how many steps the option used most lasts (median of seeds);
+- *choices*: do options matter? IQM of the training policy's episodes with its own choices, with
+  uniform ones at every step, and with the best and the worst option of each seed kept throughout.
 """
 
 
@@ -104,7 +106,7 @@ def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:
     header = ["", "seeds", f"last {EPISODES} episodes", "IQM [95% interval]"]
     header += ["first task, IQM", "mean after the switch, IQM"] if transfer else []
     header += [f"minus {suite.control} [95% interval]", "P(better)"] if control else []
-    header += ["deterministic", "options, duration", "paper"]
+    header += ["deterministic", "options, duration", "choices", "paper"]
     rows = [header]
     for arm, cell in cells.items():
         seeds = cell.seeds
@@ -116,7 +118,8 @@ def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:
         if control:
             row += _against(seeds["last_100k_steps"], control.seeds["last_100k_steps"])
         printed = suite.paper.get(arm, {}).get(task, np.nan)
-        rows.append([*row, _spread(seeds["evaluation"]), _options(seeds), number(printed)])
+        row += [_spread(seeds["evaluation"]), _options(seeds), _choices(seeds)]
+        rows.append([*row, number(printed)])
     return rows
 
 
@@ -133,6 +136,13 @@ def _options(seeds: Columns) -> str:
     used = seeds["options_used"]
     duration = float(np.median(seeds["main_option_duration"]))
     return f"{(used >= 2).sum()}/{len(used)}, {number(duration)}"
+
+
+def _choices(seeds: Columns) -> str:
+    if "own_choices" not in seeds:
+        return "-"
+    names = ("own_choices", "uniform_choices", "best_option", "worst_option")
+    return " / ".join(number(float(interquartile_mean(seeds[name]))) for name in names)
 
 
 def _by_setting(cell: Cell) -> Rows:

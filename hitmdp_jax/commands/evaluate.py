@@ -1,6 +1,7 @@
 """Score a trained run: `python -m hitmdp_jax.evaluate RUN_DIR --engine gymnasium --episodes 50`."""
 
 import csv
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from hitmdp_jax.analysis.evaluation import ENGINES, Scores, check_request, score
+from hitmdp_jax.analysis.causal import WITHOUT_EACH_OPTION, summary
+from hitmdp_jax.analysis.directed import number_of_options
+from hitmdp_jax.analysis.evaluation import ENGINES, Scores, check_request, score, task_env
+from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.commands.policies import checkpoint_named
 from hitmdp_jax.commands.settings import Parser, guarded
 from hitmdp_jax.errors import UsageError
@@ -45,6 +49,9 @@ def _main() -> None:
     parser.add_argument("--setting", type=int, default=None, help="one of a sweep's settings; all")
     parser.add_argument("--checkpoint", default="newest", help="newest, best, or an iteration")
     parser.add_argument("--deterministic", action="store_true", help="do not sample")
+    parser.add_argument(
+        "--choices", action="store_true", help="sampling, let something else choose the options too"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     options = parser.parse_args()
     config = RunConfig.load(options.run_dir)
@@ -53,18 +60,28 @@ def _main() -> None:
     chosen = places(config, options.seed, options.setting)
     engine = config.physics if options.engine is None else options.engine
     check_request(config, engine, options.episodes)
-    set_up_host(engine if engine != "gymnasium" else config.physics, options.episodes)
+    side_by_side = options.episodes
+    if options.choices:
+        if engine == "gymnasium":
+            raise UsageError("--choices needs an engine of JAX: one of native, mjx, warp.")
+        number = number_of_options(config.make_agent())
+        side_by_side *= number + WITHOUT_EACH_OPTION
+    set_up_host(engine if engine != "gymnasium" else config.physics, side_by_side)
     iteration, everyone = load_all(options.run_dir, checkpoint_named(options.checkpoint))
-    rows = []
+    rows, choices = [], []
     for place in chosen:
         training = config.trainings[place]
         key = jax.random.key(training.seed + SEED_OFFSET)
         policy = everyone.of(place)
         scores = score(policy, config, engine, options.episodes, key, options.deterministic)
         rows.append(row(scores, iteration, training, engine, options.deterministic))
+        if options.choices:
+            env = task_env(config, engine)
+            choices.append(summary(Insight(policy, env, key, options.episodes).interventions))
     append(options.run_dir, rows)
     if options.json:
-        print(json.dumps(rows, indent=2))
+        both = itertools.zip_longest(rows, choices, fillvalue={})
+        print(json.dumps([entry | choice for entry, choice in both], indent=2))
         return
     index = list(config.trainings[0].columns)
     numbers = ("return", "std", "min", "max", "std error", "length")
@@ -74,6 +91,11 @@ def _main() -> None:
         shown = ("-" if x is None else f"{x:,.1f}" for x in numbers)
         table.add_row(*(f"{entry[name]:.6g}" for name in index), *shown, f"{entry['length']:.1f}")
     Console().print(table)
+    if choices:
+        table = Table("seed", *choices[0], title="by what chooses the options")
+        for entry, choice in zip(rows, choices, strict=True):
+            table.add_row(str(entry["seed"]), *(f"{x:,.1f}" for x in choice.values()))
+        Console().print(table)
 
 
 def row(

@@ -22,6 +22,7 @@ from hitmdp_jax.training.policy import extract
 
 SUITES = Path(hitmdp_jax.__file__).parent / "suites"
 RUNS = Path("runs/results")
+CHOICE_EPISODES = 8
 # What a suite's command line names beside the settings of train.py.
 OWN = {"tasks": "all", "arms": "all", "results": "results", "page": "docs/results.md"}
 
@@ -70,7 +71,7 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
             "day": datetime.date.today().isoformat(),
             "with": ", ".join(versions()),
         }
-        results.publish(run_dir, folder / cell, evaluated(run_dir), about)
+        results.publish(run_dir, folder / cell, evaluated(run_dir, configs[cell]), about)
         if cell.split("/")[1] in suite.policies:
             publish_policy(run_dir, folder / cell)
         write_page(folder, Path(own["page"]))
@@ -127,13 +128,25 @@ def write_page(folder: Path, path: Path) -> None:
     path.write_text(page({name: read(name) for name in names()}, folder))
 
 
-def evaluated(run_dir: Path) -> dict[str, np.ndarray]:
-    """Return how the deterministic policies of a run score: mean and spread of episodes [R]."""
-    command = [sys.executable, "-m", "hitmdp_jax.evaluate", str(run_dir), "--deterministic"]
-    command += ["--episodes", str(results.EPISODES), "--json"]
-    rows = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+def evaluated(run_dir: Path, config: RunConfig) -> dict[str, np.ndarray]:
+    """Return how the policies of a run score, [R] each.
+
+    The deterministic ones over `EPISODES` episodes; where there are options to choose from, the
+    training ones over `CHOICE_EPISODES` under other choices (`analysis.causal.summary`).
+    """
     names = {"evaluation": "return", "evaluation_std": "std"}
-    return {name: np.array([row[column] for row in rows]) for name, column in names.items()}
+    rows = _evaluate(run_dir, "--deterministic", "--episodes", str(results.EPISODES))
+    columns = {name: np.array([row[column] for row in rows]) for name, column in names.items()}
+    if config.algo.get("num_options", 1) > 1:
+        rows = _evaluate(run_dir, "--choices", "--episodes", str(CHOICE_EPISODES))
+        choices = [name for name in rows[0] if name.endswith(("_choice", "_choices", "_option"))]
+        columns |= {name: np.array([row[name] for row in rows]) for name in choices}
+    return columns
+
+
+def _evaluate(run_dir: Path, *flags: str) -> list[dict[str, float]]:
+    command = [sys.executable, "-m", "hitmdp_jax.evaluate", str(run_dir), *flags, "--json"]
+    return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
 
 
 def _own(arguments: Sequence[str]) -> tuple[dict[str, str], list[str]]:

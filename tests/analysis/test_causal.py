@@ -13,6 +13,7 @@ from hitmdp_jax.analysis.causal import (
     effects,
     intervene,
     shuffled,
+    summary,
     table,
 )
 from hitmdp_jax.analysis.trajectories import record
@@ -48,6 +49,16 @@ def test_each_intervention_earns_what_its_options_do(key):
     np.testing.assert_allclose(uniform, uniform.round(), atol=1e-4)
     assert len(set(uniform.round())) > 1  # chance, another for each episode
     np.testing.assert_array_equal(found.lengths, np.full((7, 5), STEPS))
+
+
+def test_the_summary_names_the_best_and_the_worst_option(key):
+    own, found = intervened(3, key)
+    told = summary(found)
+    assert told["best_option"] == pytest.approx(2 * STEPS)
+    assert told["worst_option"] == pytest.approx(0.0, abs=1e-4)
+    assert told["own_choices"] == pytest.approx(own.option.sum(axis=0).mean(), abs=1e-4)
+    assert told["shuffled_choices"] == pytest.approx(told["own_choices"], abs=1e-4)
+    assert told["first_choice"] == pytest.approx(STEPS * own.option[0].mean(), abs=1e-4)
 
 
 def test_a_single_option_makes_no_difference(key):

@@ -43,3 +43,19 @@ def test_one_seed_of_one_checkpoint_in_gymnasium(evaluated, run_dir):
     assert "-" in out  # one episode has no standard error
     (row,) = rows_of(run_dir, "evaluations.csv")[-1:]
     assert (row["engine"], row["deterministic"], row["std_error"]) == ("gymnasium", "True", "")
+
+
+def test_other_choices_of_options_are_scored_too(evaluated, run_dir):
+    before = len(rows_of(run_dir, "evaluations.csv"))
+    arguments = (run_dir, "--episodes", "2", "--seed", "4", "--choices")
+    (row,) = json.loads(evaluated(*arguments, "--json"))
+    assert row["own_choices"] == pytest.approx(row["return"])  # the same episodes
+    assert row["worst_option"] <= row["best_option"]
+    assert len(rows_of(run_dir, "evaluations.csv")) == before + 1
+    assert "by what chooses the options" in evaluated(*arguments)
+
+
+def test_choices_need_an_engine_that_they_can_be_made_in(command, run_dir):
+    result = command("evaluate", run_dir, "--choices", "--engine", "gymnasium")
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    assert result.stderr.startswith("error: --choices needs an engine of JAX")

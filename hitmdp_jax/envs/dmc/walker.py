@@ -20,7 +20,7 @@ WALK_SPEED = 1.0  # m/s: full reward from here
 # One control step errs by 1.1e-5 in qpos with 8 and 4 iterations as with 100 and 50, by 2e-3 with 6
 # and 4, by 0.1 with 8 and 2. One iteration is to spare: random actions do not visit every state,
 # and a converged solver does not use it.
-MJX_BUDGET = SolverBudget(iterations=9, ls_iterations=4, contacts=10)
+MJX_BUDGET = SolverBudget(iterations=9, ls_iterations=4)
 
 
 class WalkerStand(MujocoEnv):

@@ -15,7 +15,7 @@ MAX_OBSERVED_VELOCITY = 10.0  # m/s or rad/s
 
 # One control step errs by 6e-7 in qpos with 5 and 2 iterations as with 100 and 50, by 3e-5 with 4
 # and 2. One iteration is to spare.
-MJX_BUDGET = SolverBudget(iterations=6, ls_iterations=2, contacts=10)
+MJX_BUDGET = SolverBudget(iterations=6, ls_iterations=2)
 
 
 class Walker2d(MujocoEnv):

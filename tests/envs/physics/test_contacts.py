@@ -8,8 +8,7 @@ import hitmdp_jax
 from hitmdp_jax.envs.assets import CONTACTS
 from hitmdp_jax.envs.physics import MjxEngine
 
-TASKS = ("halfcheetah", "walker2d", "ant", "humanoid", "humanoidstandup")
-TASKS += ("dmc/cheetah_run", "dmc/walker_walk")
+TASKS = ("halfcheetah", "ant", "humanoid", "humanoidstandup", "dmc/cheetah_run")
 
 
 def most_contacts(model, frame_skip, episodes=12, steps=100):
