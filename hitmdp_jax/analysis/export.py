@@ -11,11 +11,11 @@ import jax
 import jax.export
 import jax.extend.core
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 from brax.envs.base import Env
 from jax.interpreters.partial_eval import dce_jaxpr
 
+from hitmdp_jax.analysis.names import names_of
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.errors import UsageError, missing_extra, unknown_name
 from hitmdp_jax.training.policy import Policy
@@ -177,16 +177,13 @@ def contract(program: Program, policy: Policy, env: Env | None) -> dict[str, Any
         _name(path): {"initial": x[0].tolist(), "drawn": bool((x != x[0]).any())}
         for path, x in jax.tree.leaves_with_path(draws)
     }
-    actuators = None
-    if isinstance(env, MujocoEnv):
-        model = env.model
-        actuators = [model.actuator(i).name or f"actuator {i}" for i in range(model.nu)]
+    names = None if env is None else names_of(env)
     return {
         "inputs": [_described(n, x) | initial.get(n, {}) for n, x in program.inputs.items()],
         "outputs": [_described(n, x) for n, x in program.outputs.items()],
         "deterministic": True,
-        "observation_names": observation_names(env),
-        "action_names": actuators,
+        "observation_names": None if names is None else list(names.observations),
+        "action_names": None if names is None else list(names.actuators),
         "action_range": None if limits is None else limits.tolist(),
         "actions_clipped": limits is not None,
         "control_step_seconds": getattr(env, "dt", None),
@@ -199,34 +196,6 @@ def action_range(env: Env | None) -> np.ndarray | None:
     if not isinstance(env, MujocoEnv) or not env.model.actuator_ctrllimited.all():
         return None
     return env.model.actuator_ctrlrange.T.astype(np.float32)
-
-
-def observation_names(env: Env | None) -> list[str | None] | None:
-    """Return which coordinate each number of a task's observation is; None for whatever else.
-
-    Tasks do not say so: it is read off what is observed of random coordinates.
-    """
-    if not isinstance(env, MujocoEnv):
-        return None
-    model = env.model
-    names = _coordinates(model, "position", model.jnt_qposadr, model.nq)
-    names += _coordinates(model, "velocity", model.jnt_dofadr, model.nv)
-    size = (2, len(names))  # twice, lest two numbers be equal by chance
-    coordinates = jax.random.uniform(jax.random.key(0), size, minval=0.01, maxval=0.1)
-    coordinates = coordinates.at[:, : model.nq].add(model.qpos0)
-    observe = jax.vmap(lambda x: env.reset_to(x[: model.nq], x[model.nq :]).obs)
-    seen = jnp.asarray(observe(coordinates))
-    same = (seen[:, :, None] == coordinates[:, None]).all(axis=0)  # [O, nq + nv]
-    return [names[int(row.argmax())] if row.any() else None for row in np.asarray(same)]
-
-
-def _coordinates(model: mujoco.MjModel, kind: str, first: np.ndarray, number: int) -> list[str]:
-    """Return each coordinate's name: its joint's, and a number where a joint has several."""
-    names = []
-    for joint, size in enumerate(np.diff(first, append=number)):
-        name = f"{model.joint(joint).name or f'joint {joint}'} {kind}"
-        names += [name] if size == 1 else [f"{name} {i}" for i in range(size)]
-    return names
 
 
 def _described(name: str, x: jax.ShapeDtypeStruct) -> dict[str, Any]:
