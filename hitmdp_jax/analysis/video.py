@@ -16,6 +16,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw, ImageFont
 
+from hitmdp_jax.analysis.drawing import ink
 from hitmdp_jax.analysis.figures import option_color
 from hitmdp_jax.analysis.rendering import SIZE, Painter, forward_velocity
 from hitmdp_jax.analysis.trajectories import Trajectories
@@ -197,9 +198,7 @@ class Scene:
         text = f"option {option}"
         left, right = MARGIN, MARGIN + 16 + font().getlength(text)
         draw.rounded_rectangle((left, 6, right, HEADER - 6), radius=6, fill=color)
-        red, green, blue = to_rgb(color)
-        ink = "white" if 0.299 * red + 0.587 * green + 0.114 * blue < 0.6 else "black"
-        draw.text((left + 8, HEADER / 2), text, ink, font(), anchor="lm")
+        draw.text((left + 8, HEADER / 2), text, ink(color), font(), anchor="lm")
 
     def _write(self, draw: ImageDraw.ImageDraw, width: int, step: int) -> None:
         """Write the numbers, each in a place of its own so that none moves as they grow."""
