@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from brax.envs.base import Env
 from matplotlib import font_manager
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -227,6 +228,28 @@ def font() -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), FONT_SIZE)
 
 
+def pictures(
+    env: Env, recorded: Trajectories, episode: int = 0, number: int = COLUMNS
+) -> dict[int, np.ndarray]:
+    """Return step -> picture [height, width, 3] of an episode, from each of equal parts of it.
+
+    Args:
+      env: the task.
+      recorded: the episodes, with their physics.
+      episode: which of them.
+      number: of pictures, at most.
+
+    Raises:
+      UsageError: the task has no MuJoCo model, or nothing can be drawn here.
+    """
+    if not isinstance(env, MujocoEnv):
+        raise UsageError("the task has no MuJoCo model.")
+    scene = Scene(env, recorded, episode)
+    with Painter(env.model, THUMBNAIL) as painter:
+        steps = evenly(np.arange(scene.length), number).tolist()
+        return {step: painter.paint(scene.qpos[step], scene.qvel[step]) for step in steps}
+
+
 def filmstrip(
     env: MujocoEnv,
     recorded: Trajectories,
@@ -234,7 +257,7 @@ def filmstrip(
     title: str = "",
     columns: int = COLUMNS,
 ) -> Figure:
-    """Draw what the body does under each option: a row of pictures an option (Figure 10).
+    """Draw what the body does under each option: a row of pictures an option.
 
     A row's pictures are of an episode's steps under the option, in order, spread evenly over them;
     below each stands its time. A policy without options has one row of the whole episode.

@@ -2,13 +2,14 @@
 
 import argparse
 import functools
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import jax
 from matplotlib.figure import Figure
 
-from hitmdp_jax.analysis import embedding_figures, insight_figures, option_figures, tables
+from hitmdp_jax.analysis import embedding_figures, insight_figures, option_figures, tables, video
 from hitmdp_jax.analysis.causal import WITHOUT_EACH_OPTION, table
 from hitmdp_jax.analysis.directed import number_of_options
 from hitmdp_jax.analysis.figures import read_metrics
@@ -24,22 +25,6 @@ from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.policy import places
 
 EPISODES = 8
-
-OF_METRICS = {"figure6": 1, "figure8": None, "figure9": None}  # -> how many runs; None: any number
-OF_EPISODES: dict[str, Callable[[Insight], Figure]] = {
-    "figure5": embedding_figures.figure5,
-    "figure7": option_figures.figure7,
-    "figure10": option_figures.figure10,
-    "figure12": embedding_figures.figure12,
-    "figure13": embedding_figures.figure13,
-    "figure14": embedding_figures.figure14,
-    "causal": insight_figures.causal_figure,
-    "transitions": insight_figures.transitions_figure,
-    "divergence": insight_figures.divergence_figure,
-    "attention": insight_figures.attention_figure,
-    "terminations": insight_figures.terminations_figure,
-    "clusters": insight_figures.clusters_figure,
-}
 
 
 def draw_metrics(target: str, arguments: list[str]) -> int:
@@ -102,6 +87,16 @@ def _save(figure: Figure, run_dir: Path, target: str) -> int:
     return 0
 
 
+def _filmed(insight: Insight) -> Figure:
+    """Draw Figure 10, with pictures if there can be any here."""
+    try:
+        pictures = video.pictures(insight.env, insight.trajectories)
+    except UsageError as reason:
+        print(f"warning: figure10 shows no pictures: {reason}", file=sys.stderr)
+        pictures = None
+    return option_figures.figure10(insight, pictures=pictures)
+
+
 def _of_metrics(target: str, configs: dict[Path, RunConfig], seed: int | None) -> Figure:
     runs = {}
     for run_dir, config in configs.items():
@@ -115,6 +110,21 @@ def _of_metrics(target: str, configs: dict[Path, RunConfig], seed: int | None) -
     return option_figures.figure8(runs)
 
 
+OF_METRICS = {"figure6": 1, "figure8": None, "figure9": None}  # -> how many runs; None: any number
+OF_EPISODES: dict[str, Callable[[Insight], Figure]] = {
+    "figure5": embedding_figures.figure5,
+    "figure7": option_figures.figure7,
+    "figure10": _filmed,
+    "figure12": embedding_figures.figure12,
+    "figure13": embedding_figures.figure13,
+    "figure14": embedding_figures.figure14,
+    "causal": insight_figures.causal_figure,
+    "transitions": insight_figures.transitions_figure,
+    "divergence": insight_figures.divergence_figure,
+    "attention": insight_figures.attention_figure,
+    "terminations": insight_figures.terminations_figure,
+    "clusters": insight_figures.clusters_figure,
+}
 TARGETS = {name: functools.partial(draw_metrics, name) for name in OF_METRICS} | {
     name: functools.partial(draw_episodes, name) for name in OF_EPISODES
 }
