@@ -127,7 +127,7 @@ def figure10(
         film = FILM_WIDTH / len(pictures) * rows / columns
         figure = Figure(figsize=(FILM_WIDTH + 0.6, 0.6 + strip + film), layout="constrained")
         above, axes = figure.subplots(2, sharex=True, height_ratios=(film, strip))
-        options = np.asarray(insight.trajectories.option)[list(pictures), episode]
+        options = np.asarray(insight.trajectories.option)[list(pictures), episode].tolist()
         _film(above, list(pictures.values()), options, float(drawn.duration.sum()))
         for step in pictures:
             axes.axvline(step, color="black", lw=0.8)
