@@ -29,6 +29,7 @@ HEADER, BORDER, FOOTER = 40, 8, 40  # pixels above a picture, around it and belo
 MARGIN = 8  # pixels around the strip of options
 FONT_SIZE = 17
 THUMBNAIL = (320, 240)  # pixels of a filmstrip's picture
+GIF = (320, 10, 10)  # pixels in width, frames a second and seconds of an animated picture
 COLUMNS = 8  # pictures in a row of a filmstrip
 
 
@@ -132,9 +133,32 @@ def encoder(
     _, errors = process.communicate()
     if process.returncode:
         beside.unlink(missing_ok=True)
-        reason = errors.decode(errors="replace").strip().splitlines()[-1:]
-        raise UsageError(f"'{path}' cannot be written: {''.join(reason)}")
+        raise UsageError(f"'{path}' cannot be written: {_last_line(errors)}")
     os.replace(beside, path)
+
+
+def _last_line(errors: bytes) -> str:
+    return "".join(errors.decode(errors="replace").strip().splitlines()[-1:])
+
+
+def animated(path: Path) -> bytes:
+    """Return how a video begins as an animated GIF, small enough for a page of many.
+
+    Args:
+      path: the video.
+
+    Raises:
+      UsageError: there is no ffmpeg, or it cannot read the video.
+    """
+    width, fps, seconds = GIF
+    # One palette for all frames, and no dithering, which would flicker.
+    steps = f"fps={fps},scale={width}:-1:flags=area,split[a][b];[a]palettegen=max_colors=64[c];"
+    command = [require_ffmpeg(), "-loglevel", "error", "-t", str(seconds), "-i", str(path)]
+    command += ["-vf", steps + "[b][c]paletteuse=dither=none:diff_mode=rectangle", "-f", "gif", "-"]
+    made = subprocess.run(command, capture_output=True)
+    if made.returncode:
+        raise UsageError(f"'{path}' cannot be read: {_last_line(made.stderr)}")
+    return made.stdout
 
 
 class Scene:
