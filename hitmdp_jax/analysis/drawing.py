@@ -36,14 +36,18 @@ def annotate(axes: Axes, image: AxesImage, spec: str = ".2f") -> None:
     if len(values) > MOST_ANNOTATED:
         return
     for (i, j), x in np.ndenumerate(values):
-        dark = np.isfinite(x) and luminance(image.to_rgba(x)) < 0.5
-        text = format(x, spec) if np.isfinite(x) else "-"
-        axes.text(j, i, text, ha="center", va="center", color="white" if dark else "black")
+        text, color = (format(x, spec), image.to_rgba(x)) if np.isfinite(x) else ("-", UNKNOWN)
+        axes.text(j, i, text, ha="center", va="center", color=ink(color))
 
 
 def luminance(color: Any) -> float:
     """Return how bright a colour is, from 0 to 1."""
     return float(np.dot(to_rgb(color), (0.2126, 0.7152, 0.0722)))
+
+
+def ink(color: Any) -> str:
+    """Return what is read on a colour: black or white."""
+    return "white" if luminance(color) < 0.5 else "black"
 
 
 def number_options(axes: Axes, num_options: int, which: str = "xy") -> None:

@@ -16,6 +16,7 @@ from hitmdp_jax.analysis.names import Names, names_of
 from hitmdp_jax.analysis.perturbation import Perturbation, embeddings, perturb
 from hitmdp_jax.analysis.states import States, attention, terminations, visited
 from hitmdp_jax.analysis.trajectories import Trajectories, record
+from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.training.config import whole_number
 from hitmdp_jax.training.policy import Policy
 
@@ -63,11 +64,9 @@ class Insight:
 
     @functools.cached_property
     def trajectories(self) -> Trajectories:
-        """The policy's own episodes, [T, N, ...]."""
-        recorded = record(
-            self.policy, self.env, self.key, self.episodes, deterministic=self.deterministic
-        )
-        return jax.device_get(recorded)
+        """The policy's own episodes, [T, N, ...]; with their physics where the task has a model."""
+        how = {"deterministic": self.deterministic, "physics": isinstance(self.env, MujocoEnv)}
+        return jax.device_get(record(self.policy, self.env, self.key, self.episodes, **how))
 
     @functools.cached_property
     def states(self) -> States:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from hitmdp_jax.analysis.drawing import UNKNOWN, lanes, lowest, small_multiples
 from hitmdp_jax.analysis.figures import (
@@ -24,6 +25,7 @@ from hitmdp_jax.errors import UsageError, out_of_domain
 
 STRIP_STEPS = 512  # of an episode in Figure 7, as in the paper
 LANE = 0.16  # inches of an option's lane
+FILM_WIDTH = 9.4  # inches of all pictures of an episode
 Metrics = Mapping[str, np.ndarray]
 
 
@@ -100,18 +102,17 @@ figure9 = figure8  # the paper's has harder tasks
 
 
 def figure10(
-    insight: Insight,
-    episode: int = 0,
-    frames: Sequence[np.ndarray] = (),
-    steps: Sequence[int] = (),
+    insight: Insight, episode: int = 0, pictures: Mapping[int, np.ndarray] | None = None
 ) -> Figure:
-    """Draw how one whole episode is composed of options, with pictures of it if there are any.
+    """Draw how one whole episode is composed of options, below a film of it if there are pictures.
+
+    Film and options share the axis of time: each picture stands over an equal part of the episode,
+    in a border of the colour of the option that acts in it.
 
     Args:
       insight: of a policy.
       episode: which of the recorded episodes.
-      frames: pictures of it, [H, W, 3] each.
-      steps: at which steps of it they were taken, as many.
+      pictures: step -> picture [H, W, 3] of it, as `video.pictures` gives them.
 
     Raises:
       UsageError: there is no such episode.
@@ -120,33 +121,38 @@ def figure10(
         last = len(insight.activations) - 1
         raise out_of_domain("episode", episode, f"a whole number from 0 to {last}")
     drawn, number = insight.activations[episode], insight.num_options
-    strip, film = 0.6 + 1.5 * LANE * number, 1.6 if frames else 0.0
-    figure = Figure(figsize=(7, 0.5 + strip + film), layout="constrained")
-    if frames:
-        grid = figure.add_gridspec(2, len(frames), height_ratios=(film, strip))
-        axes = figure.add_subplot(grid[1, :])
-        for i, (frame, step) in enumerate(zip(frames, steps, strict=True)):
-            _frame(figure.add_subplot(grid[0, i]), frame, step, _option_at(insight, step, episode))
+    strip = 0.6 + 1.5 * LANE * number
+    if pictures:
+        rows, columns, _ = next(iter(pictures.values())).shape
+        film = FILM_WIDTH / len(pictures) * rows / columns
+        figure = Figure(figsize=(FILM_WIDTH + 0.6, 0.6 + strip + film), layout="constrained")
+        above, axes = figure.subplots(2, sharex=True, height_ratios=(film, strip))
+        options = np.asarray(insight.trajectories.option)[list(pictures), episode].tolist()
+        _film(above, list(pictures.values()), options, float(drawn.duration.sum()))
+        for step in pictures:
             axes.axvline(step, color="black", lw=0.8)
     else:
-        axes = figure.subplots()
+        figure = Figure(figsize=(7, 0.5 + strip), layout="constrained")
+        above = axes = figure.subplots()
     lanes(axes, drawn, number)
     returned = insight.trajectories.returns[episode]
     axes.set(xlabel="step", ylabel="option")
-    axes.set_title(f"episode {episode}: return {returned:.0f}", loc="left", fontsize="medium")
+    above.set_title(f"episode {episode}: return {returned:.0f}", loc="left", fontsize="medium")
     return figure
 
 
-def _option_at(insight: Insight, step: int, episode: int) -> int:
-    return int(np.asarray(insight.trajectories.option)[step, episode])
-
-
-def _frame(axes: Axes, frame: np.ndarray, step: int, option: int) -> None:
-    axes.imshow(frame)
-    axes.set(xticks=[], yticks=[])
-    axes.set_title(f"step {step}, option {option}", fontsize="small")
-    for spine in axes.spines.values():
-        spine.set(color=option_color(option), lw=3)
+def _film(
+    axes: Axes, pictures: Sequence[np.ndarray], options: Sequence[int], length: float
+) -> None:
+    """Draw pictures side by side over an axis of so many steps, each in its option's colour."""
+    width = length / len(pictures)
+    for i, (picture, option) in enumerate(zip(pictures, options, strict=True)):
+        left, right = (i + 0.02) * width, (i + 0.98) * width
+        axes.imshow(picture, extent=(left, right, 0.0, 1.0), aspect="auto")
+        frame = Rectangle((left, 0.0), right - left, 1.0, fill=False, ec=option_color(option), lw=3)
+        axes.add_patch(frame)
+    axes.set(xlim=(0, length), ylim=(-0.03, 1.03))
+    axes.axis("off")
 
 
 def _count_options(metrics: Metrics, name: str) -> int:

@@ -270,6 +270,7 @@ class RunReport:
 
     def film(self) -> Parts:
         """Show how an episode begins, the active option around it and as a strip below."""
+        yield text("The beginning of the first recorded episode.")
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "video.mp4"
             self.video(path)

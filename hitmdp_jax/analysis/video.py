@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from brax.envs.base import Env
 from matplotlib import font_manager
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw, ImageFont
 
+from hitmdp_jax.analysis.drawing import ink
 from hitmdp_jax.analysis.figures import option_color
 from hitmdp_jax.analysis.rendering import SIZE, Painter, forward_velocity
 from hitmdp_jax.analysis.trajectories import Trajectories
@@ -27,6 +29,7 @@ HEADER, BORDER, FOOTER = 40, 8, 40  # pixels above a picture, around it and belo
 MARGIN = 8  # pixels around the strip of options
 FONT_SIZE = 17
 THUMBNAIL = (320, 240)  # pixels of a filmstrip's picture
+GIF = (320, 10, 10)  # pixels in width, frames a second and seconds of an animated picture
 COLUMNS = 8  # pictures in a row of a filmstrip
 
 
@@ -130,9 +133,32 @@ def encoder(
     _, errors = process.communicate()
     if process.returncode:
         beside.unlink(missing_ok=True)
-        reason = errors.decode(errors="replace").strip().splitlines()[-1:]
-        raise UsageError(f"'{path}' cannot be written: {''.join(reason)}")
+        raise UsageError(f"'{path}' cannot be written: {_last_line(errors)}")
     os.replace(beside, path)
+
+
+def _last_line(errors: bytes) -> str:
+    return "".join(errors.decode(errors="replace").strip().splitlines()[-1:])
+
+
+def animated(path: Path) -> bytes:
+    """Return how a video begins as an animated GIF, small enough for a page of many.
+
+    Args:
+      path: the video.
+
+    Raises:
+      UsageError: there is no ffmpeg, or it cannot read the video.
+    """
+    width, fps, seconds = GIF
+    # One palette for all frames, and no dithering, which would flicker.
+    steps = f"fps={fps},scale={width}:-1:flags=area,split[a][b];[a]palettegen=max_colors=64[c];"
+    command = [require_ffmpeg(), "-loglevel", "error", "-t", str(seconds), "-i", str(path)]
+    command += ["-vf", steps + "[b][c]paletteuse=dither=none:diff_mode=rectangle", "-f", "gif", "-"]
+    made = subprocess.run(command, capture_output=True)
+    if made.returncode:
+        raise UsageError(f"'{path}' cannot be read: {_last_line(made.stderr)}")
+    return made.stdout
 
 
 class Scene:
@@ -197,9 +223,7 @@ class Scene:
         text = f"option {option}"
         left, right = MARGIN, MARGIN + 16 + font().getlength(text)
         draw.rounded_rectangle((left, 6, right, HEADER - 6), radius=6, fill=color)
-        red, green, blue = to_rgb(color)
-        ink = "white" if 0.299 * red + 0.587 * green + 0.114 * blue < 0.6 else "black"
-        draw.text((left + 8, HEADER / 2), text, ink, font(), anchor="lm")
+        draw.text((left + 8, HEADER / 2), text, ink(color), font(), anchor="lm")
 
     def _write(self, draw: ImageDraw.ImageDraw, width: int, step: int) -> None:
         """Write the numbers, each in a place of its own so that none moves as they grow."""
@@ -228,6 +252,28 @@ def font() -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), FONT_SIZE)
 
 
+def pictures(
+    env: Env, recorded: Trajectories, episode: int = 0, number: int = COLUMNS
+) -> dict[int, np.ndarray]:
+    """Return step -> picture [height, width, 3] of an episode, from each of equal parts of it.
+
+    Args:
+      env: the task.
+      recorded: the episodes, with their physics.
+      episode: which of them.
+      number: of pictures, at most.
+
+    Raises:
+      UsageError: the task has no MuJoCo model, or nothing can be drawn here.
+    """
+    if not isinstance(env, MujocoEnv):
+        raise UsageError("the task has no MuJoCo model.")
+    scene = Scene(env, recorded, episode)
+    with Painter(env.model, THUMBNAIL) as painter:
+        steps = evenly(np.arange(scene.length), number).tolist()
+        return {step: painter.paint(scene.qpos[step], scene.qvel[step]) for step in steps}
+
+
 def filmstrip(
     env: MujocoEnv,
     recorded: Trajectories,
@@ -235,7 +281,7 @@ def filmstrip(
     title: str = "",
     columns: int = COLUMNS,
 ) -> Figure:
-    """Draw what the body does under each option: a row of pictures an option (Figure 10).
+    """Draw what the body does under each option: a row of pictures an option.
 
     A row's pictures are of an episode's steps under the option, in order, spread evenly over them;
     below each stands its time. A policy without options has one row of the whole episode.

@@ -1,8 +1,9 @@
 """Export a policy: `python -m hitmdp_jax.export RUN_DIR --format onnx`.
 
-Writes the deterministic policy, with its observation normaliser, as a program that needs nothing of
-this package, and beside it a contract in JSON: names, shapes and types of what goes in and comes
-out, the range of actions and the seconds between two of them.
+Writes a policy, with its observation normaliser, as a program that needs nothing of this package,
+and beside it a contract in JSON: names, shapes and types of what goes in and comes out, the range
+of actions and the seconds between two of them. The policy is the deterministic one, which takes the
+likeliest option and action, unless `--stochastic` asks for the one that learned.
 """
 
 import json
@@ -34,6 +35,9 @@ def _main() -> None:
     parser = Parser(prog="python -m hitmdp_jax.export", description=__doc__)
     add_choice(parser)
     parser.add_argument("--format", default=FORMATS[0], help=f"{' or '.join(FORMATS)}; onnx")
+    parser.add_argument(
+        "--stochastic", action="store_true", help="sample, by noise that the caller hands over"
+    )
     parser.add_argument("--out", type=Path, help="the file; RUN_DIR/export/policy_STEPS.FORMAT")
     options = parser.parse_args()
     check_format(options.format)
@@ -41,8 +45,9 @@ def _main() -> None:
     set_up_host(config.physics, 1)
     choice = load_chosen(options)
     env = task_of(choice) if config.tasks else None
-    program, contract = export(choice.policy, env, options.format)
-    default = options.run_dir / FOLDER / f"policy_{choice.name}.{options.format}"
+    program, contract = export(choice.policy, env, options.format, options.stochastic)
+    kind = "stochastic_policy" if options.stochastic else "policy"
+    default = options.run_dir / FOLDER / f"{kind}_{choice.name}.{options.format}"
     path = options.out or default
     made(path.parent)
     path.write_bytes(program)

@@ -1,105 +1,100 @@
 """Draw one figure of a trained run: the targets of `reproduce` that take a RUN_DIR."""
 
+import argparse
 import functools
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import jax
 from matplotlib.figure import Figure
 
-from hitmdp_jax.analysis import embedding_figures, insight_figures, option_figures, tables
+from hitmdp_jax.analysis import embedding_figures, insight_figures, option_figures, tables, video
 from hitmdp_jax.analysis.causal import WITHOUT_EACH_OPTION, table
 from hitmdp_jax.analysis.directed import number_of_options
 from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
-from hitmdp_jax.commands.policies import checkpoint_named
+from hitmdp_jax.commands.policies import add_choice, load_chosen
 from hitmdp_jax.commands.settings import Parser
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.config import RunConfig, whole_number
 from hitmdp_jax.training.folder import made
 from hitmdp_jax.training.host import set_up_host
-from hitmdp_jax.training.policy import load_all, places
+from hitmdp_jax.training.policy import places
 
 EPISODES = 8
 
-OF_METRICS = {"figure6": 1, "figure8": None, "figure9": None}  # -> how many runs; None: any number
-OF_EPISODES: dict[str, Callable[[Insight], Figure]] = {
-    "figure5": embedding_figures.figure5,
-    "figure7": option_figures.figure7,
-    "figure10": option_figures.figure10,
-    "figure12": embedding_figures.figure12,
-    "figure13": embedding_figures.figure13,
-    "figure14": embedding_figures.figure14,
-    "causal": insight_figures.causal_figure,
-    "transitions": insight_figures.transitions_figure,
-    "divergence": insight_figures.divergence_figure,
-    "attention": insight_figures.attention_figure,
-    "terminations": insight_figures.terminations_figure,
-    "clusters": insight_figures.clusters_figure,
-}
 
-
-def draw(target: str, arguments: list[str]) -> int:
-    """Draw a figure into the first run's `figures/`, and print where it is.
+def draw_metrics(target: str, arguments: list[str]) -> int:
+    """Draw a figure of runs' metrics into the first one's `figures/`, and print where it is.
 
     Raises:
       UsageError: a folder holds no run, or one that the figure cannot be drawn of.
     """
-    parser = Parser(prog=f"python -m hitmdp_jax.reproduce {target}", description=__doc__)
-    several = target in OF_METRICS and OF_METRICS[target] is None
-    parser.add_argument("run_dirs", type=Path, nargs="+" if several else 1, metavar="RUN_DIR")
+    parser = _parser(target)
+    number = OF_METRICS[target]
+    parser.add_argument("run_dirs", type=Path, nargs=number or "+", metavar="RUN_DIR")
     parser.add_argument("--seed", type=int, default=None, help="one of the run's; its first")
-    if target in OF_EPISODES:
-        parser.add_argument("--episodes", type=int, default=EPISODES, help=f"({EPISODES})")
-        parser.add_argument("--checkpoint", default="newest", help="newest, best, or an iteration")
     options = parser.parse_args(arguments)
     configs = {run_dir: RunConfig.load(run_dir) for run_dir in options.run_dirs}
-    if target in OF_METRICS:
-        figure = _of_metrics(target, configs, options.seed)
-    else:
-        ((run_dir, config),) = configs.items()
-        insight = insight_of(run_dir, config, options.seed, options.episodes, options.checkpoint)
-        figure = OF_EPISODES[target](insight)
-        if target == "causal":
-            tables.show(table(insight.interventions))
-    path = made(options.run_dirs[0] / "figures") / f"{target}.png"
+    return _save(_of_metrics(target, configs, options.seed), options.run_dirs[0], target)
+
+
+def draw_episodes(target: str, arguments: list[str]) -> int:
+    """Draw a figure of recorded episodes into the run's `figures/`; Raises as `draw_metrics`."""
+    parser = _parser(target)
+    add_choice(parser)
+    parser.add_argument("--episodes", type=int, default=EPISODES, help=f"({EPISODES})")
+    options = parser.parse_args(arguments)
+    insight = insight_of(options)
+    figure = OF_EPISODES[target](insight)
+    if target == "causal":
+        tables.show(table(insight.interventions))
+    return _save(figure, options.run_dir, target)
+
+
+def insight_of(options: argparse.Namespace) -> Insight:
+    """Return what the options of a policy do, on the task that it was trained on last.
+
+    Args:
+      options: what `add_choice` made of a command line, and the number of `episodes`.
+
+    Raises:
+      UsageError: the run names no task, has no options, or no such seed or checkpoint.
+    """
+    config = RunConfig.load(options.run_dir)
+    number = number_of_options(config.make_agent())
+    whole_number("episodes", options.episodes, at_least=1)
+    if not config.tasks:
+        raise UsageError(f"'{options.run_dir}' was saved from Python and names no task.")
+    set_up_host(config.physics, options.episodes * (number + WITHOUT_EACH_OPTION))
+    choice = load_chosen(options)
+    key = jax.random.key(choice.training.seed + SEED_OFFSET)
+    env = make_env(**choice.task, physics=config.physics)
+    return Insight(choice.policy, env, key, options.episodes)
+
+
+def _parser(target: str) -> Parser:
+    return Parser(prog=f"python -m hitmdp_jax.reproduce {target}", description=__doc__)
+
+
+def _save(figure: Figure, run_dir: Path, target: str) -> int:
+    path = made(run_dir / "figures") / f"{target}.png"
     figure.savefig(path, dpi=150)
     print(path)
     return 0
 
 
-def insight_of(
-    run_dir: Path,
-    config: RunConfig,
-    seed: int | None = None,
-    episodes: int = EPISODES,
-    checkpoint: str = "newest",
-) -> Insight:
-    """Return what one seed's options do, on the task that it was trained on last.
-
-    Args:
-      run_dir: the run's folder.
-      config: its settings.
-      seed: by the number that the run gave it; None takes the first.
-      episodes: how many are recorded.
-      checkpoint: "newest", "best" or an iteration.
-
-    Raises:
-      UsageError: the run names no task, has no options, or no such seed or checkpoint.
-    """
-    number = number_of_options(config.make_agent())
-    whole_number("episodes", episodes, at_least=1)
-    if not config.tasks:
-        raise UsageError(f"'{run_dir}' was saved from Python and names no task.")
-    (place, *_) = places(config, config.seed if seed is None else seed)
-    set_up_host(config.physics, episodes * (number + WITHOUT_EACH_OPTION))
-    iteration, everyone = load_all(run_dir, checkpoint_named(checkpoint))
-    task = config.task_at(iteration)
-    key = jax.random.key(config.trainings[place].seed + SEED_OFFSET)
-    env = make_env(**task, physics=config.physics)
-    return Insight(everyone.of(place), env, key, episodes)
+def _filmed(insight: Insight) -> Figure:
+    """Draw Figure 10, with pictures if there can be any here."""
+    try:
+        pictures = video.pictures(insight.env, insight.trajectories)
+    except UsageError as reason:
+        print(f"warning: figure10 shows no pictures: {reason}", file=sys.stderr)
+        pictures = None
+    return option_figures.figure10(insight, pictures=pictures)
 
 
 def _of_metrics(target: str, configs: dict[Path, RunConfig], seed: int | None) -> Figure:
@@ -115,4 +110,21 @@ def _of_metrics(target: str, configs: dict[Path, RunConfig], seed: int | None) -
     return option_figures.figure8(runs)
 
 
-TARGETS = {name: functools.partial(draw, name) for name in (*OF_METRICS, *OF_EPISODES)}
+OF_METRICS = {"figure6": 1, "figure8": None, "figure9": None}  # -> how many runs; None: any number
+OF_EPISODES: dict[str, Callable[[Insight], Figure]] = {
+    "figure5": embedding_figures.figure5,
+    "figure7": option_figures.figure7,
+    "figure10": _filmed,
+    "figure12": embedding_figures.figure12,
+    "figure13": embedding_figures.figure13,
+    "figure14": embedding_figures.figure14,
+    "causal": insight_figures.causal_figure,
+    "transitions": insight_figures.transitions_figure,
+    "divergence": insight_figures.divergence_figure,
+    "attention": insight_figures.attention_figure,
+    "terminations": insight_figures.terminations_figure,
+    "clusters": insight_figures.clusters_figure,
+}
+TARGETS = {name: functools.partial(draw_metrics, name) for name in OF_METRICS} | {
+    name: functools.partial(draw_episodes, name) for name in OF_EPISODES
+}

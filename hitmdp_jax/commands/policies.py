@@ -32,7 +32,7 @@ class Chosen(NamedTuple):
 
 def add_choice(parser: Parser) -> None:
     """Let a command line name a run, and a training and a checkpoint of it."""
-    parser.add_argument("run_dir", type=Path, help="a run's folder")
+    parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help="a run's folder")
     parser.add_argument("--seed", type=int, default=None, help="one of the run's seeds; the first")
     parser.add_argument("--setting", type=int, default=None, help="one of a sweep's settings; 0")
     parser.add_argument("--checkpoint", default="newest", help="newest, best, or an iteration")

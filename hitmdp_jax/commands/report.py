@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from hitmdp_jax.analysis.trajectories import Trajectories, record
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
 from hitmdp_jax.commands.settings import Parser, guarded
 from hitmdp_jax.envs import make_env
@@ -98,6 +99,7 @@ def report(
         engine = config.physics if task["name"].startswith("brax/") else ENGINE
         return everyone.of(place), make_env(**task, physics=engine)
 
+    @functools.cache
     def insight():
         from hitmdp_jax.analysis.directed import number_of_options
         from hitmdp_jax.analysis.insight import Insight
@@ -106,16 +108,23 @@ def report(
         policy, env = policy_and_env()
         return Insight(policy, env, key, episodes)
 
+    def recorded() -> Trajectories:
+        """Return the episodes that the page speaks of; one of a policy without options."""
+        try:
+            return insight().trajectories
+        except UsageError:
+            policy, env = policy_and_env()
+            return jax.device_get(record(policy, env, key, 1, physics=True))
+
     def video(path: Path) -> None:
-        from hitmdp_jax.analysis.trajectories import record
         from hitmdp_jax.analysis.video import write_video
         from hitmdp_jax.commands.video import check_filming
 
         check_filming(config)
-        policy, env = policy_and_env()
-        recorded = jax.device_get(record(policy, env, key, 1, physics=True))
-        beginning = recorded.alive & (np.arange(len(recorded.alive)) < FILMED)[:, None]
-        write_video(path, env, recorded.replace(alive=beginning), size=PIXELS)
+        _, env = policy_and_env()
+        shown = recorded()
+        beginning = shown.alive & (np.arange(len(shown.alive)) < FILMED)[:, None]
+        write_video(path, env, shown.replace(alive=beginning), episodes=[0], size=PIXELS)
 
     return RunReport(run_dir, config, place, insight, video).html()
 

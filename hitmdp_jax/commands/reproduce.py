@@ -19,12 +19,13 @@ Targets:
 
 Figures of a trained run: `python -m hitmdp_jax.reproduce FIGURE RUN_DIR` writes it into
 RUN_DIR/figures/. `--seed N` picks one of the run's seeds, its first otherwise; where a figure shows
-episodes, `--episodes N` (8) of `--checkpoint newest|best|ITERATION` are recorded.
+episodes, `--episodes N` (8) of `--checkpoint newest|best|ITERATION` are recorded, of a sweep those
+of `--setting N` (0).
   figure5       option embeddings, and the dimensions that move actions most
   figure6       how long options last in training
   figure7       which options are active in four episodes
   figure8       how long options last in training, in several runs: RUN_DIR ...; figure9 is the same
-  figure10      one whole episode, composed of options
+  figure10      one whole episode, composed of options, as a film above them
   figure12      option embeddings and their similarities
   figure13      one dimension of an embedding: what it does to every actuator
   figure14      the heaviest dimensions of two options

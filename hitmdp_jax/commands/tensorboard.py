@@ -8,7 +8,7 @@ from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.run import Run
 from hitmdp_jax.training.sinks import Values
-from hitmdp_jax.training.sinks.tensorboard import write_picture
+from hitmdp_jax.training.sinks.tensorboard import write_pictures
 
 
 class OptionFigures:
@@ -35,7 +35,7 @@ class OptionFigures:
             if "option_steps_0" in metrics:
                 picture = pixels(option_durations(metrics, self._title))
                 env_steps = run.config.steps_after(progress.iteration)
-                write_picture(self._run_dir / "figures", "option_durations", picture, env_steps)
+                write_pictures(self._run_dir / "figures", {"option_durations": picture}, env_steps)
         except OSError as error:  # a full disk ends no training
             print(f"warning: no figure in TensorBoard: {error}", file=sys.stderr)
         return {}

@@ -31,7 +31,7 @@ from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.run import Run
 from hitmdp_jax.training.sinks import Values
-from hitmdp_jax.training.sinks.tensorboard import write_picture
+from hitmdp_jax.training.sinks.tensorboard import write_pictures
 
 FOLDER = "videos"  # in a run's folder
 ERRORS = "errors.txt"
@@ -51,7 +51,7 @@ def _main() -> None:
     parser.add_argument("--engine", default=None, help="native, mjx or warp; the run's own")
     parser.add_argument("--deterministic", action="store_true", help="do not sample")
     parser.add_argument(
-        "--tensorboard", action="store_true", help="events of the filmstrip beside the video"
+        "--tensorboard", action="store_true", help="events of both beside the video"
     )
     options = parser.parse_args()
     whole_number("episodes", options.episodes, at_least=1)
@@ -72,7 +72,7 @@ def _main() -> None:
     for total, steps in zip(recorded.returns, recorded.lengths, strict=True):
         print(f"An episode of {steps:,} steps, return {total:,.1f}.")
     from hitmdp_jax.analysis.figures import pixels
-    from hitmdp_jax.analysis.video import filmstrip, write_video
+    from hitmdp_jax.analysis.video import animated, filmstrip, write_video
 
     write_video(path, env, recorded)
     title = f"{choice.config.title}, {choice.training.name}, {choice.env_steps:,} env steps"
@@ -80,7 +80,8 @@ def _main() -> None:
     figure = filmstrip(env, recorded, title=title)
     figure.savefig(strip, dpi=100)
     if options.tensorboard:
-        write_picture(path.parent, "filmstrip", pixels(figure), choice.env_steps)
+        shown = {"filmstrip": pixels(figure), "video": animated(path)}
+        write_pictures(path.parent, shown, choice.env_steps)
     print(f"Saved {path}, and {strip.name} beside it.")
 
 

@@ -10,11 +10,11 @@ import pytest
 from brax.training.acme.running_statistics import NestedMeanStd
 
 from hitmdp_jax.agents import AGENTS
-from hitmdp_jax.analysis.export import FORMATS, export, observation_names
+from hitmdp_jax.analysis.export import FORMATS, export
 from hitmdp_jax.envs import make_env
-from hitmdp_jax.envs.toy.turkey import Turkey
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.policy import Policy
+from tests.probes import Target
 
 
 @functools.cache
@@ -42,9 +42,9 @@ def pendulum():
     return make_env("invertedpendulum", physics="native")
 
 
-def runner(name, format_name):
+def runner(name, format_name, stochastic=False):
     """Return an exported policy as a function of arrays by name, and its contract."""
-    content, contract = export(policy_of(name), pendulum(), format_name)
+    content, contract = export(policy_of(name), pendulum(), format_name, stochastic)
     outputs = [x["name"] for x in contract["outputs"]]
     if format_name == "onnx":
         session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
@@ -139,6 +139,44 @@ def test_every_algorithm_is_exported_with_its_memory(name, format_name):
         }
 
 
+def draws_of(name, key, size):
+    """The numbers that a policy draws by a key, as JAX draws them: option by option, action."""
+    if name == "ppo":
+        return {"normal": jax.random.normal(key, (size, 1))}
+    key_option, key_action = jax.random.split(key)
+    stop = {}
+    if name == "ahp":
+        key_stop, key_option = jax.random.split(key_option)
+        stop = {"uniform": jax.random.uniform(key_stop, (size,))}
+    option = {"gumbel": jax.random.gumbel(key_option, (size, 4))}
+    return stop | option | {"normal": jax.random.normal(key_action, (size, 1))}
+
+
+@pytest.mark.parametrize(
+    ("name", "format_name"),
+    [("mopg", "onnx"), ("mopg", "stablehlo"), ("ahp", "onnx"), ("ppo", "stablehlo")],
+)
+def test_a_stochastic_policy_draws_by_the_noise_that_it_is_given(name, format_name):
+    run, contract = runner(name, format_name, stochastic=True)
+    noise = {x["distribution"]: x["name"] for x in contract["inputs"] if "distribution" in x}
+    policy, key = policy_of(name), jax.random.key(3)
+    obs = np.asarray(jax.random.normal(key, (256, 4)))
+    memory = policy.initial_memory(key, (256,))
+    names = [x["name"] for x in contract["inputs"] if x["name"].startswith("memory")]
+    leaves = dict(zip(names, map(np.asarray, jax.tree.leaves(memory)), strict=True))
+    drawn = draws_of(name, key, 256)
+    assert list(noise) == list(drawn)
+    found = run(obs=obs, **leaves, **{noise[x]: np.asarray(y) for x, y in drawn.items()})
+    action, memory = policy.act(obs, memory, key)
+    np.testing.assert_allclose(found["action"], np.clip(action, -3, 3), atol=1e-5)
+    for n, x in zip(names, jax.tree.leaves(memory), strict=True):
+        np.testing.assert_array_equal(found[f"next_{n}"], x)
+    likeliest, _ = policy.act(obs, policy.initial_memory(key, (256,)), key, deterministic=True)
+    difference = np.abs(found["action"] - np.clip(likeliest, -3, 3))
+    assert (difference > 0.01).mean() > 0.2  # elsewhere both are clipped
+    assert not contract["deterministic"]
+
+
 def test_the_contract_says_what_a_caller_must_know():
     _, contract = export(policy_of("dac"), pendulum(), "stablehlo")
     assert contract.pop("versions").keys() == {"hitmdp_jax", "jax"}
@@ -170,7 +208,7 @@ def test_the_contract_says_what_a_caller_must_know():
         ],
         "deterministic": True,
         "observation_names": [
-            "slider position", "hinge position", "slider velocity", "hinge velocity"
+            "slider position", "hinge angle", "slider velocity", "hinge velocity"
         ],
         "action_names": ["slide"],
         "action_range": [[-3.0], [3.0]],
@@ -187,22 +225,10 @@ def test_a_memory_that_is_drawn_says_so():
     assert contract["observation_names"] is contract["control_step_seconds"] is None
 
 
-@pytest.mark.parametrize(
-    ("name", "first", "others"),
-    [
-        ("halfcheetah", "rootz position", 0),
-        ("ant", "root position 2", 105 - 27),
-        ("swimmer", "free_body_rot position", 0),
-    ],
-)
-def test_observations_are_named_by_the_coordinates_they_show(name, first, others):
-    names = observation_names(make_env(name, physics="native"))
-    assert names[0] == first
-    assert names.count(None) == others
-
-
-def test_a_task_without_a_model_names_nothing():
-    assert observation_names(Turkey()) is None
+def test_what_no_coordinate_shows_is_numbered_in_the_contract():
+    policy = policy_of("ppo")
+    _, contract = export(policy, Target(), "stablehlo")
+    assert (contract["observation_names"], contract["action_names"]) == (["obs[0]"], ["action[0]"])
 
 
 def test_what_cannot_be_converted_is_explained():

@@ -5,9 +5,11 @@ import io
 import jax
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 
 from hitmdp_jax.agents import DAC, MOPG, PPO
 from hitmdp_jax.analysis import embedding_figures, insight_figures, option_figures
+from hitmdp_jax.analysis.figures import option_color
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.normalization import initial_statistics
@@ -126,11 +128,27 @@ def test_sequences_show_every_activation(embedded):
         )
 
 
-def test_an_episode_is_drawn_with_pictures(embedded):
-    frames = [np.zeros((4, 6, 3)), np.ones((4, 6, 3))]
-    text = drawn(option_figures.figure10(embedded, 1, frames, (0, 5)))
-    option = embedded.trajectories.option[5, 1]
-    assert f"step 5, option {option}" in text
+def test_a_film_stands_over_the_steps_that_it_shows(embedded):
+    """Seven steps, and a picture of the middle of each half of them."""
+    pictures = {1: np.zeros((4, 6, 3)), 5: np.ones((4, 6, 3))}
+    figure = option_figures.figure10(embedded, 1, pictures)
+    figure.draw_without_rendering()
+    above, lanes = figure.axes
+    scale = figure.dpi_scale_trans.inverted()
+    film, strip = (axes.get_window_extent().transformed(scale) for axes in (above, lanes))
+    assert film.y0 >= strip.y1
+    np.testing.assert_allclose((film.x0, film.x1), (strip.x0, strip.x1))
+    assert above.get_xlim() == lanes.get_xlim() == (0, 7)
+    extents = [image.get_extent()[:2] for image in above.images]
+    np.testing.assert_allclose(np.mean(extents, axis=1), [1.75, 5.25])
+    wide, high = np.ptp(above.transData.transform([(0, 0), (0.96 * 3.5, 1)]), axis=0)
+    assert wide / high == pytest.approx(6 / 4, rel=0.08)
+    colors = [to_hex(frame.get_edgecolor()) for frame in above.patches]
+    assert colors == [option_color(k) for k in embedded.trajectories.option[[1, 5], 1]]
+    assert [line.get_xdata()[0] for line in lanes.lines] == [1, 5]
+
+
+def test_an_episode_that_was_not_recorded_is_refused(embedded):
     with pytest.raises(UsageError, match="episode = 3 must be a whole number from 0 to 2"):
         option_figures.figure10(embedded, 3)
 

@@ -1,7 +1,10 @@
+import io
+
 import imageio_ffmpeg
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from PIL import Image
 
 from hitmdp_jax.analysis import video
 from hitmdp_jax.analysis.figures import option_color
@@ -12,6 +15,7 @@ from hitmdp_jax.analysis.video import (
     HEADER,
     MARGIN,
     Scene,
+    animated,
     evenly,
     filmstrip,
     timing,
@@ -85,6 +89,18 @@ def test_a_video_plays_in_browsers_and_shows_every_episode_in_real_time(tmp_path
     border = frames[:, HEADER + 32, 2].astype(float)
     wanted = [rgb(k) for k in [*OPTIONS, 3, 3, 3, 3]]
     np.testing.assert_allclose(border, wanted, atol=25)
+
+
+def test_a_video_begins_as_a_moving_picture(tmp_path, env, recorded):
+    """Fourteen frames of 0.04 s are six of 0.1 s."""
+    write_video(tmp_path / "a.mp4", env, recorded, size=SIZE)
+    with Image.open(io.BytesIO(animated(tmp_path / "a.mp4"))) as gif:
+        assert (gif.width, gif.n_frames, gif.info["duration"]) == (320, 6, 100)
+        gif.seek(4)  # step 10 of 14, whose border is of option 3
+        y = round((HEADER + 32) / (HEADER + 64 + 2 * BORDER + FOOTER) * gif.height)
+        np.testing.assert_allclose(gif.convert("RGB").getpixel((8, y)), rgb(3), atol=30)
+    with pytest.raises(UsageError, match=r"b.mp4' cannot be read: .*No such file"):
+        animated(tmp_path / "b.mp4")
 
 
 def test_one_episode_may_be_chosen(tmp_path, env, recorded):

@@ -3,8 +3,11 @@
 import shutil
 
 import pytest
+from PIL import Image
 
+from hitmdp_jax.analysis import video
 from hitmdp_jax.commands.figures import TARGETS
+from hitmdp_jax.errors import UsageError
 from tests.commands.conftest import QUICK
 
 
@@ -35,6 +38,23 @@ def test_a_figure_of_episodes_is_written_and_its_table_printed(command, run_dir)
     assert result.returncode == 0, result.stderr
     assert (run_dir / "figures" / "causal.png").stat().st_size > 10_000
     assert all(name in result.stdout for name in ("own choices", "option 3", "minus own"))
+
+
+def test_an_episode_is_a_film_where_pictures_can_be_drawn(command, run_dir, monkeypatch):
+    path = run_dir / "figures" / "figure10.png"
+    result = command("reproduce", "figure10", run_dir, "--episodes", "2")
+    assert (result.returncode, result.stderr) == (0, "")
+    with Image.open(path) as filmed:
+        assert filmed.width == 1500
+
+    def fail(*_):
+        raise UsageError("no luck.")
+
+    monkeypatch.setattr(video, "Painter", fail)
+    result = command("reproduce", "figure10", run_dir, "--episodes", "2")
+    assert result.stderr == "warning: figure10 shows no pictures: no luck.\n"
+    with Image.open(path) as bare:
+        assert bare.width == 1050
 
 
 @pytest.fixture(scope="module")

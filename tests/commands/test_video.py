@@ -7,6 +7,7 @@ import types
 
 import imageio_ffmpeg
 import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from hitmdp_jax.commands import video
 from hitmdp_jax.commands.video import Videos
@@ -41,9 +42,13 @@ def test_a_run_is_filmed_while_it_goes_on(command, tmp_path):
     settings += ("total_steps=4096", "video_every=4096", f"run_dir={tmp_path / 'run'}")
     result = command("train", *settings)
     assert (result.returncode, result.stderr) == (0, "")
-    names = {path.name.split(".0")[0] for path in (tmp_path / "run" / "videos").iterdir()}
-    assert {"4096.mp4", "4096.png"} < names
-    assert len(names) == 3
+    folder = tmp_path / "run" / "videos"
+    assert {"4096.mp4", "4096.png"} < {path.name for path in folder.iterdir()}
+    events = EventAccumulator(str(folder)).Reload()
+    assert [picture.step for name in ("filmstrip", "video") for picture in events.Images(name)] == [
+        4096,
+        4096,
+    ]
 
 
 class Films:

@@ -1,12 +1,14 @@
 """TensorBoard events: the mean over the seeds of a setting, and their deviation."""
 
+import struct
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from tensorboardX.event_file_writer import EventsWriter
 from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore
+from tensorboardX.proto.summary_pb2 import Summary  # pyright: ignore
 from tensorboardX.summary import image, scalar
 
 from hitmdp_jax.training.sinks.base import Values, columns
@@ -73,22 +75,37 @@ class TensorboardSink:
             writer.close()
 
 
-def write_picture(folder: Path, name: str, picture: np.ndarray, env_steps: int) -> None:
-    """Write a picture, which TensorBoard shows in a run named by the folder, beside the metrics'.
+def write_pictures(
+    folder: Path, pictures: Mapping[str, np.ndarray | bytes], env_steps: int
+) -> None:
+    """Write pictures, which TensorBoard shows in a run named by the folder, beside the metrics'.
 
     TensorBoard reads the newest of a folder's files alone, and that of the metrics still grows.
 
     Args:
-      folder: where the event goes.
-      name: the picture's name; those of one name are shown as a sequence.
-      picture: [height, width, 3 or 4], 8 bits a colour.
-      env_steps: the picture's place in the sequence.
+      folder: where the events go.
+      pictures: name -> a picture [height, width, 3 or 4], 8 bits a colour, or an animated one, the
+        bytes of a GIF; those of one name are shown as a sequence.
+      env_steps: the pictures' place in their sequences.
     """
     folder.mkdir(parents=True, exist_ok=True)
     # Files are named by the second, and read in their names' order.
     writer = EventsWriter(str(folder / "events"), f".{env_steps:013}")
-    _write(writer, Event(summary=image(name, picture, dataformats="HWC"), step=env_steps))
+    for name, picture in pictures.items():
+        summary = (
+            _animation(name, picture)
+            if isinstance(picture, bytes)
+            else image(name, picture, dataformats="HWC")
+        )
+        _write(writer, Event(summary=summary, step=env_steps))
     writer.close()
+
+
+def _animation(name: str, gif: bytes) -> Summary:
+    """Return what holds a GIF. tensorboardX's own `video` needs MoviePy to make one."""
+    width, height = struct.unpack_from("<HH", gif, 6)  # GIF89a, Section 18: the logical screen
+    shown = Summary.Image(height=height, width=width, colorspace=3, encoded_image_string=gif)
+    return Summary(value=[Summary.Value(tag=name, image=shown)])
 
 
 def _point(writer: EventsWriter, name: str, value: np.floating, env_steps: int) -> None:

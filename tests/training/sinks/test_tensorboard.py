@@ -1,8 +1,12 @@
+import io
+
 import numpy as np
+from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.util import img_mime_type_detector
 
 from hitmdp_jax.training.sinks import TensorboardSink
-from hitmdp_jax.training.sinks.tensorboard import write_picture
+from hitmdp_jax.training.sinks.tensorboard import write_pictures
 from hitmdp_jax.training.sweep import Training
 from tests.probes import trainings
 
@@ -66,7 +70,23 @@ def test_settings_that_are_rounded_alike_do_not_share_a_file(tmp_path):
 
 def test_pictures_of_one_name_are_a_sequence(tmp_path):
     for i, shade in enumerate((0, 255), start=1):
-        write_picture(tmp_path / "a", "a_picture", np.full((4, 6, 3), shade, np.uint8), 2048 * i)
+        picture = np.full((4, 6, 3), shade, np.uint8)
+        write_pictures(tmp_path / "a", {"a_picture": picture}, 2048 * i)
     pictures = EventAccumulator(str(tmp_path / "a")).Reload().Images("a_picture")
     assert [(p.step, p.height, p.width) for p in pictures] == [(2048, 4, 6), (4096, 4, 6)]
     assert pictures[0].encoded_image_string != pictures[1].encoded_image_string
+
+
+def test_a_moving_picture_stands_beside_a_still_one(tmp_path):
+    """TensorBoard gives the browser what it read, by the kind that its first bytes tell."""
+    frames = [Image.new("RGB", (6, 4), (shade, 0, 0)) for shade in (0, 255)]
+    gif = io.BytesIO()
+    frames[0].save(gif, "GIF", save_all=True, append_images=frames[1:])
+    still = np.zeros((4, 6, 3), np.uint8)
+    write_pictures(tmp_path / "a", {"still": still, "moving": gif.getvalue()}, 2048)
+    events = EventAccumulator(str(tmp_path / "a")).Reload()
+    assert len(events.Images("still")) == 1
+    (moving,) = events.Images("moving")
+    assert (moving.step, moving.height, moving.width) == (2048, 4, 6)
+    assert img_mime_type_detector.from_bytes(moving.encoded_image_string) == "image/gif"
+    assert Image.open(io.BytesIO(moving.encoded_image_string)).n_frames == 2
