@@ -15,6 +15,7 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.policy import Policy
 
 COORDINATES = ("qpos", "qvel", "ctrl")
+OURS_ALONE = {"hide_velocities": False}  # keywords that Gymnasium lacks, and where it agrees
 
 
 class Trajectories(struct.PyTreeNode):
@@ -181,6 +182,9 @@ def _gymnasium_envs(task: dict[str, Any], number: int) -> list[Any]:
     keywords = dict(task)
     name, version = keywords.pop("name"), keywords.pop("version", "v5")
     constructor = check_env(name, version)
+    for keyword, default in OURS_ALONE.items():
+        if keywords.pop(keyword, default) != default:
+            raise UsageError(f"Gymnasium has no {keyword}; use --engine native or mjx.")
     # By where it is defined: a class of someone's own may be called Ant, too.
     if not constructor.__module__.startswith("hitmdp_jax.envs.gym."):
         raise UsageError(f"Gymnasium has no environment '{name}'; use --engine native or mjx.")

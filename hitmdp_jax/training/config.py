@@ -13,6 +13,7 @@ import yaml
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import Agent, find_agent
 from hitmdp_jax.envs import check_engine, check_env
+from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.program import check_sizes, num_iterations
@@ -201,13 +202,22 @@ class RunConfig:
 
     def differences(self, other: "RunConfig") -> list[str]:
         """Return what would make the two runs' results differ: `name: here, there`, a line each."""
-        mine, others = (dict(_dotted(config.to_dict())) for config in (self, other))
+        mine, others = (dict(_dotted(config._in_full())) for config in (self, other))
         names = [*mine, *(name for name in others if name not in mine)]
         return [
             f"{name}: {mine.get(name)} here, {others.get(name)} there"
             for name in names
             if mine.get(name) != others.get(name) and name not in BESIDE_THE_POINT
         ]
+
+    def _in_full(self) -> dict[str, Any]:
+        """Return the settings with the tasks' keywords that an older package did not have yet."""
+        tasks = {
+            name: defaults_of(check_env(**task)) | task
+            for name in ("env", "second_env")
+            if (task := getattr(self, name)) is not None
+        }
+        return self.to_dict() | tasks
 
     def to_dict(self) -> dict[str, Any]:
         """Return the settings as `from_mapping` takes them."""

@@ -154,3 +154,8 @@ def test_a_task_without_physics_says_so(key):
 def test_gymnasium_has_its_own_tasks_alone(name, policy, key):
     with pytest.raises(UsageError, match=f"Gymnasium has no environment '{name}'"):
         record_in_gymnasium(policy, {"name": name}, key, 1)
+
+
+def test_gymnasium_shows_velocities(policy, key):
+    with pytest.raises(UsageError, match="Gymnasium has no hide_velocities"):
+        record_in_gymnasium(policy, PENDULUM | {"hide_velocities": True}, key, 1)
