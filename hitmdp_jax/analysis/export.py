@@ -16,7 +16,7 @@ import numpy as np
 from brax.envs.base import Env
 from jax.interpreters.partial_eval import dce_jaxpr
 
-from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.errors import UsageError, missing_extra, unknown_name
 from hitmdp_jax.training.policy import Policy
 
@@ -178,7 +178,7 @@ def contract(program: Program, policy: Policy, env: Env | None) -> dict[str, Any
         for path, x in jax.tree.leaves_with_path(draws)
     }
     actuators = None
-    if isinstance(env, MujocoEnv):
+    if has_model(env):
         model = env.model
         actuators = [model.actuator(i).name or f"actuator {i}" for i in range(model.nu)]
     return {
@@ -196,7 +196,7 @@ def contract(program: Program, policy: Policy, env: Env | None) -> dict[str, Any
 
 def action_range(env: Env | None) -> np.ndarray | None:
     """Return the range [2, A] of a task's actions; None if it has none, or none is known."""
-    if not isinstance(env, MujocoEnv) or not env.model.actuator_ctrllimited.all():
+    if not has_model(env) or not env.model.actuator_ctrllimited.all():
         return None
     return env.model.actuator_ctrlrange.T.astype(np.float32)
 
@@ -206,7 +206,7 @@ def observation_names(env: Env | None) -> list[str | None] | None:
 
     Tasks do not say so: it is read off what is observed of random coordinates.
     """
-    if not isinstance(env, MujocoEnv):
+    if not has_model(env):
         return None
     model = env.model
     names = _coordinates(model, "position", model.jnt_qposadr, model.nq)

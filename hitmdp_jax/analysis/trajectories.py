@@ -10,12 +10,16 @@ from brax.envs.base import Env
 from flax import struct
 
 from hitmdp_jax.envs import check_env
+from hitmdp_jax.envs.action_repeat import EPISODE_LENGTH, action_repeat_of
 from hitmdp_jax.envs.physics import PhysicsState
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.policy import Policy
 
 COORDINATES = ("qpos", "qvel", "ctrl")
-OURS_ALONE = {"hide_velocities": False}  # keywords that Gymnasium lacks, and where it agrees
+OURS_ALONE = {
+    "hide_velocities": False,
+    "action_repeat": 1,
+}  # keywords that Gymnasium lacks, and where it agrees
 
 
 class Trajectories(struct.PyTreeNode):
@@ -51,7 +55,7 @@ class Trajectories(struct.PyTreeNode):
 
     @property
     def lengths(self) -> jax.Array:
-        """Lengths [N] in control steps."""
+        """Lengths [N] in actions; a control step each, unless the task holds them."""
         return self.alive.sum(axis=-2)
 
 
@@ -100,7 +104,8 @@ def record(
         policy.initial_memory(key_memory, (num_episodes,)),
         jnp.ones(num_episodes, bool),
     )
-    keys = jax.random.split(key_steps, getattr(env, "episode_length", 1000))
+    limit = getattr(env, "episode_length", EPISODE_LENGTH)
+    keys = jax.random.split(key_steps, -(-limit // action_repeat_of(env)))
     (_, _, alive), steps = jax.lax.scan(step, start, keys)
     return Trajectories(**steps, terminated=~alive)
 
