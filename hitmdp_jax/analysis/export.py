@@ -14,7 +14,7 @@ from brax.envs.base import Env
 
 from hitmdp_jax.analysis.draws import without_key
 from hitmdp_jax.analysis.names import names_of
-from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.errors import UsageError, missing_extra, unknown_name
 from hitmdp_jax.training.policy import Policy
 
@@ -196,7 +196,7 @@ def contract(program: Program, policy: Policy, env: Env | None) -> dict[str, Any
 
 def action_range(env: Env | None) -> np.ndarray | None:
     """Return the range [2, A] of a task's actions; None if it has none, or none is known."""
-    if not isinstance(env, MujocoEnv) or not env.model.actuator_ctrllimited.all():
+    if not has_model(env) or not env.model.actuator_ctrllimited.all():
         return None
     return env.model.actuator_ctrlrange.T.astype(np.float32)
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from brax.envs.base import Env
 
-from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.base import MujocoEnv, has_model
 
 ORIENTATION = tuple(f"orientation {part}" for part in "wxyz")
 ROTATION = tuple(f"{axis} rotation" for axis in "xyz")
@@ -42,7 +42,7 @@ def names_of(env: Env) -> Names:
     shows, or shows the sine or cosine of, whatever the coordinates are. What a task makes of
     several of them, or of forces, keeps its number.
     """
-    if not isinstance(env, MujocoEnv):
+    if not has_model(env):
         return Names(*(_numbered(*x) for x in _sizes(env)))
     coordinates = position_names(env.model) + velocity_names(env.model)
     shown = _shown(env, len(coordinates))

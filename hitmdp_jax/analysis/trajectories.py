@@ -10,11 +10,16 @@ from brax.envs.base import Env
 from flax import struct
 
 from hitmdp_jax.envs import check_env
+from hitmdp_jax.envs.action_repeat import EPISODE_LENGTH, action_repeat_of
 from hitmdp_jax.envs.physics import PhysicsState
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.policy import Policy
 
 COORDINATES = ("qpos", "qvel", "ctrl")
+OURS_ALONE = {
+    "hide_velocities": False,
+    "action_repeat": 1,
+}  # keywords that Gymnasium lacks, and where it agrees
 
 
 class Trajectories(struct.PyTreeNode):
@@ -50,7 +55,7 @@ class Trajectories(struct.PyTreeNode):
 
     @property
     def lengths(self) -> jax.Array:
-        """Lengths [N] in control steps."""
+        """Lengths [N] in actions; a control step each, unless the task holds them."""
         return self.alive.sum(axis=-2)
 
 
@@ -99,7 +104,8 @@ def record(
         policy.initial_memory(key_memory, (num_episodes,)),
         jnp.ones(num_episodes, bool),
     )
-    keys = jax.random.split(key_steps, getattr(env, "episode_length", 1000))
+    limit = getattr(env, "episode_length", EPISODE_LENGTH)
+    keys = jax.random.split(key_steps, -(-limit // action_repeat_of(env)))
     (_, _, alive), steps = jax.lax.scan(step, start, keys)
     return Trajectories(**steps, terminated=~alive)
 
@@ -181,6 +187,9 @@ def _gymnasium_envs(task: dict[str, Any], number: int) -> list[Any]:
     keywords = dict(task)
     name, version = keywords.pop("name"), keywords.pop("version", "v5")
     constructor = check_env(name, version)
+    for keyword, default in OURS_ALONE.items():
+        if keywords.pop(keyword, default) != default:
+            raise UsageError(f"Gymnasium has no {keyword}; use --engine native or mjx.")
     # By where it is defined: a class of someone's own may be called Ant, too.
     if not constructor.__module__.startswith("hitmdp_jax.envs.gym."):
         raise UsageError(f"Gymnasium has no environment '{name}'; use --engine native or mjx.")

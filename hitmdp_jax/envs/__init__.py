@@ -6,6 +6,7 @@ from typing import Any
 
 from brax.envs.base import Env
 
+from hitmdp_jax.envs.action_repeat import ActionRepeat, check_action_repeat
 from hitmdp_jax.envs.brax_tasks import BRAX, brax_task, check_engine
 from hitmdp_jax.envs.dmc.suite import require_suite
 from hitmdp_jax.envs.keywords import check_keywords, parameters_of
@@ -79,7 +80,12 @@ def register_env(name: str, constructor: Callable[..., Env]) -> None:
 
 
 def make_env(
-    name: str, *, physics: PhysicsChoice = "mjx", version: str = "v5", **task_kwargs: Any
+    name: str,
+    *,
+    physics: PhysicsChoice = "mjx",
+    version: str = "v5",
+    action_repeat: int = 1,
+    **task_kwargs: Any,
 ) -> Env:
     """Make a task: a Brax `Env`, unbatched and without auto-reset.
 
@@ -90,6 +96,7 @@ def make_env(
         `Engine`. Brax's own environments choose theirs by the keyword `backend`; tasks without
         MuJoCo have no use for it.
       version: "v5" or "v4", Gymnasium's semantics of that name; other tasks have one version only.
+      action_repeat: control steps that each action is held for; see `ActionRepeat`.
       **task_kwargs: the task's own keywords, e.g. `ctrl_cost_weight=0.2`.
 
     Raises:
@@ -101,14 +108,16 @@ def make_env(
     (17, 6)
     """
     given = {"physics": find_engine(physics), "version": version}
-    task = check_env(name, version, **task_kwargs)
+    task = check_env(name, version, action_repeat, **task_kwargs)
     takes = parameters_of(task)
     env = task(**{k: x for k, x in given.items() if k in takes}, **task_kwargs)
     _check_interface(name, env)
-    return env
+    return env if action_repeat == 1 else ActionRepeat(env, action_repeat)
 
 
-def check_env(name: str, version: str = "v5", **task_kwargs: Any) -> Callable[..., Env]:
+def check_env(
+    name: str, version: str = "v5", action_repeat: int = 1, **task_kwargs: Any
+) -> Callable[..., Env]:
     """Return a task's constructor, having checked everything that can be checked without making it.
 
     Raises:
@@ -117,6 +126,7 @@ def check_env(name: str, version: str = "v5", **task_kwargs: Any) -> Callable[..
     """
     if not isinstance(name, str):
         raise out_of_domain("env", repr(name), "the name of an environment, such as 'halfcheetah'")
+    check_action_repeat(action_repeat)
     if name.startswith(BRAX):
         return brax_task(name, **task_kwargs)
     if name in _REGISTRY:

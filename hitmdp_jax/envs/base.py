@@ -3,6 +3,7 @@
 import abc
 import copy
 from collections.abc import Sequence
+from typing import Any, TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ from brax.envs.base import Env, State
 
 from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState, SolverBudget, find_engine
 
-__all__ = ["MujocoEnv", "SolverBudget"]
+__all__ = ["MujocoEnv", "SolverBudget", "has_model"]
 
 
 class MujocoEnv(Env):
@@ -144,3 +145,8 @@ class MujocoEnv(Env):
     def backend(self) -> str:
         """Name of the physics engine (Brax's word)."""
         return self.physics.name
+
+
+def has_model(env: Any) -> TypeGuard[MujocoEnv]:
+    """Return whether an environment is a `MujocoEnv`, or a wrapper that hands on what one has."""
+    return isinstance(getattr(env, "unwrapped", env), MujocoEnv)

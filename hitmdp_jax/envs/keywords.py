@@ -50,6 +50,14 @@ def parameters_of(constructor: Callable[..., Any]) -> dict[str, inspect.Paramete
     return found | rest
 
 
+def defaults_of(constructor: Callable[..., Any]) -> dict[str, Any]:
+    """Return the defaults of a constructor's keywords, without those that `make_env` passes."""
+    parameters = parameters_of(constructor).values()
+    return {
+        p.name: p.default for p in parameters if p.default is not p.empty and p.name not in GIVEN
+    }
+
+
 def check_keywords(
     task: str, constructor: Callable[..., Any], keywords: Mapping[str, Any], domains: bool = True
 ) -> None:

@@ -5,6 +5,8 @@ import jax.numpy as jnp
 from brax.envs.base import Env, State
 from flax import struct
 
+from hitmdp_jax.envs.action_repeat import EPISODE_LENGTH, steps_taken
+
 # Initial states computed together. Hundreds at once can block XLA's threads: see `set_up_host`.
 RESET_CHUNK = 32
 
@@ -15,7 +17,7 @@ class VectorState(struct.PyTreeNode):
     env: State  # [B, ...]
     clock: jax.Array  # [B] int32, control steps towards the time limit
     episode_return: jax.Array  # [B] undiscounted reward of the running episode
-    episode_length: jax.Array  # [B] int32, steps of the running episode
+    episode_length: jax.Array  # [B] int32, control steps of the running episode
     pool: State  # [P, ...]
     next_fresh: jax.Array  # int32, the first state of the pool not yet used
 
@@ -28,7 +30,8 @@ class Step(struct.PyTreeNode):
     truncated: jax.Array  # bool: the time limit did
     next_obs: jax.Array  # [B, O] the observation reached, before any reset
     episode_return: jax.Array  # of the episode so far; final where `finished`
-    episode_length: jax.Array
+    episode_length: jax.Array  # control steps, several to an action under `ActionRepeat`
+    started: jax.Array  # bool: the first step of an episode
     finished: jax.Array  # bool: a whole episode ended here
     metrics: dict[str, jax.Array]  # the task's reward terms
 
@@ -45,7 +48,7 @@ class VectorEnv:
       env: the task, unbatched and without auto-reset.
       num_envs: B.
       pool_size: P.
-      episode_length: time limit in steps; None takes the task's own.
+      episode_length: time limit in control steps; None takes the task's own.
       stagger: start the first episodes at random points of the time limit, so that tasks without
         termination do not all end together for ever. Such shortened episodes are not reported.
     """
@@ -61,7 +64,7 @@ class VectorEnv:
         self.env = env
         self.num_envs = num_envs
         self.pool_size = pool_size
-        self.episode_length = episode_length or getattr(env, "episode_length", 1000)
+        self.episode_length = episode_length or getattr(env, "episode_length", EPISODE_LENGTH)
         self.stagger = stagger
 
     def reset(self, key: jax.Array) -> VectorState:
@@ -86,8 +89,9 @@ class VectorEnv:
     def step(self, state: VectorState, action: jax.Array) -> tuple[VectorState, Step]:
         """Step every environment under `action` [B, A]; restart those whose episode ended."""
         env = jax.vmap(self.env.step)(state.env, action)
-        clock = state.clock + 1
-        length = state.episode_length + 1
+        taken = steps_taken(state.env, env)
+        clock = state.clock + taken
+        length = state.episode_length + taken
         episode_return = state.episode_return + env.reward
         terminated = env.done.astype(bool)
         truncated = (clock >= self.episode_length) & ~terminated
@@ -99,6 +103,7 @@ class VectorEnv:
             next_obs=env.obs,  # pyright: ignore[reportArgumentType]
             episode_return=episode_return,
             episode_length=length,
+            started=state.episode_length == 0,
             finished=ended & (clock == length),
             metrics=env.metrics,
         )

@@ -107,6 +107,6 @@ def collect(
         reward=outcome.reward,
         terminated=outcome.terminated,
         truncated=outcome.truncated,
-        started=outcome.episode_length == 1,
+        started=outcome.started,
     )
     return state, batch, outcome, obs

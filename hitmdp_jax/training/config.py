@@ -13,6 +13,7 @@ import yaml
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import Agent, find_agent
 from hitmdp_jax.envs import check_engine, check_env
+from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.program import check_sizes, num_iterations
@@ -95,6 +96,8 @@ class RunConfig:
         for task in config.tasks:
             check_env(**task)
             check_engine(task["name"], engine)
+            if task.get("action_repeat", 1) != config.action_repeat:
+                raise UsageError("The tasks of a transfer must have the same action_repeat.")
         agent = config.make_agent()
         check_sizes(agent, config.total_steps, config.num_envs, config.rollout_length)
         check_sweep(config.sweep, config.samples, agent)
@@ -161,6 +164,11 @@ class RunConfig:
         return None if self.second_env is None else self.iterations * self.steps_per_iteration
 
     @property
+    def action_repeat(self) -> int:
+        """Control steps that each action is held for; all of them count as environment steps."""
+        return (self.env or {}).get("action_repeat", 1)
+
+    @property
     def iterations_per_report(self) -> int:
         """Iterations between two reports: one, or as many as make up 2048 environment steps."""
         return max(1, REPORT_STEPS // self.steps_per_iteration)
@@ -168,7 +176,8 @@ class RunConfig:
     @property
     def iterations(self) -> int:
         """Iterations spent on each task, a whole number of reports."""
-        needed = num_iterations(self.total_steps, self.num_envs, self.rollout_length)
+        sizes = self.num_envs, self.rollout_length, self.action_repeat
+        needed = num_iterations(self.total_steps, *sizes)
         return -(-needed // self.iterations_per_report) * self.iterations_per_report
 
     @property
@@ -179,7 +188,7 @@ class RunConfig:
     @property
     def steps_per_iteration(self) -> int:
         """Environment steps of one seed in one iteration."""
-        return self.num_envs * self.rollout_length
+        return self.num_envs * self.rollout_length * self.action_repeat
 
     @property
     def env_steps(self) -> int:
@@ -201,13 +210,22 @@ class RunConfig:
 
     def differences(self, other: "RunConfig") -> list[str]:
         """Return what would make the two runs' results differ: `name: here, there`, a line each."""
-        mine, others = (dict(_dotted(config.to_dict())) for config in (self, other))
+        mine, others = (dict(_dotted(config._in_full())) for config in (self, other))
         names = [*mine, *(name for name in others if name not in mine)]
         return [
             f"{name}: {mine.get(name)} here, {others.get(name)} there"
             for name in names
             if mine.get(name) != others.get(name) and name not in BESIDE_THE_POINT
         ]
+
+    def _in_full(self) -> dict[str, Any]:
+        """Return the settings with the tasks' keywords that an older package did not have yet."""
+        tasks = {
+            name: {"action_repeat": 1} | defaults_of(check_env(**task)) | task
+            for name in ("env", "second_env")
+            if (task := getattr(self, name)) is not None
+        }
+        return self.to_dict() | tasks
 
     def to_dict(self) -> dict[str, Any]:
         """Return the settings as `from_mapping` takes them."""

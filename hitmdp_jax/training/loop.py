@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import jax
 import numpy as np
 
-from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.envs.physics import NativeEngine
 from hitmdp_jax.envs.physics.speed import native_speed
 from hitmdp_jax.learning.metrics import Metrics
@@ -208,7 +208,7 @@ def title(run: Run) -> str:
         f"{config.num_envs} envs × {config.seeds} seeds"
         + (f" × {len(config.settings)} settings" if config.sweep else ""),
     ]
-    if on_cpu and isinstance(env, MujocoEnv) and env.backend != NativeEngine.name:
+    if on_cpu and has_model(env) and env.backend != NativeEngine.name:
         speed = native_speed(env.model, env.physics.frame_skip)
         parts.append(f"physics=native would step {speed:,.0f} envs a second here")
     return ", ".join(parts)

@@ -12,6 +12,7 @@ from flax import struct
 from jax.flatten_util import ravel_pytree
 
 from hitmdp_jax.agents.base import Agent, LearnerState, check_hyperparameters
+from hitmdp_jax.envs.action_repeat import action_repeat_of
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.learning.episodes import EpisodeWindow, episode_metrics
@@ -43,9 +44,14 @@ Init = Callable[..., TrainState]  # of a key and, in place of the agent's, of `H
 Iterate = Callable[[TrainState], tuple[TrainState, Metrics]]
 
 
-def num_iterations(num_steps: int, num_envs: int, rollout_length: int) -> int:
-    """Return how many iterations cover `num_steps` environment steps, the last one whole."""
-    return -(-num_steps // (num_envs * rollout_length))
+def num_iterations(
+    num_steps: int, num_envs: int, rollout_length: int, action_repeat: int = 1
+) -> int:
+    """Return how many iterations cover `num_steps` environment steps, the last one whole.
+
+    Environment steps are control steps: `action_repeat` to an action.
+    """
+    return -(-num_steps // (num_envs * rollout_length * action_repeat))
 
 
 def check_sizes(agent: Agent, num_steps: Any, num_envs: Any, rollout_length: Any) -> None:
@@ -84,10 +90,11 @@ def make_train(
     Args:
       agent: the algorithm and its hyperparameters, which may be traced.
       env: an environment of Brax's or MuJoCo Playground's interface, unbatched, no auto-reset.
-      num_steps: environment steps of the whole run; what a schedule counts against.
+      num_steps: environment steps of the whole run, `action_repeat` to an action where the task
+        holds them; what a schedule counts against.
       num_envs: B, environments stepped side by side.
-      rollout_length: T, steps of each environment an iteration.
-      episode_length: time limit in steps; None takes the task's own.
+      rollout_length: T, actions in each environment an iteration.
+      episode_length: time limit in control steps; None takes the task's own.
       reset_pool_size: fresh initial states drawn an iteration; None takes a quarter of its steps.
       stagger: start the first episodes at random points of the time limit.
 
@@ -114,7 +121,7 @@ def make_train(
         )
     pool_size = reset_pool_size or max(1, num_envs * rollout_length // 4)
     vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger)
-    iterations = num_iterations(num_steps, num_envs, rollout_length)
+    iterations = num_iterations(num_steps, num_envs, rollout_length, action_repeat_of(env))
     program = Program(agent, vector_env, rollout_length, iterations)
     return program.init, program.step
 
@@ -227,7 +234,7 @@ def train(
       key: PRNG key; the run is a function of it.
       num_steps: environment steps.
       num_envs: environments stepped side by side.
-      rollout_length: steps of each environment an iteration.
+      rollout_length: actions in each environment an iteration.
       **options: further arguments of `make_train`.
 
     Returns:
@@ -240,7 +247,7 @@ def train(
     init, step = make_train(agent, env, **sizes, **options)
     if not hasattr(key, "dtype"):
         raise out_of_domain("key", key, "a key, such as jax.random.key(0)")
-    iterations = num_iterations(**sizes)
+    iterations = num_iterations(**sizes, action_repeat=action_repeat_of(env))
     return jax.lax.scan(lambda state, _: step(state), init(key), length=iterations)
 
 

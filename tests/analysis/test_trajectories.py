@@ -154,3 +154,9 @@ def test_a_task_without_physics_says_so(key):
 def test_gymnasium_has_its_own_tasks_alone(name, policy, key):
     with pytest.raises(UsageError, match=f"Gymnasium has no environment '{name}'"):
         record_in_gymnasium(policy, {"name": name}, key, 1)
+
+
+@pytest.mark.parametrize("ours", [{"hide_velocities": True}, {"action_repeat": 2}])
+def test_gymnasium_has_no_keywords_of_ours(ours, policy, key):
+    with pytest.raises(UsageError, match=f"Gymnasium has no {next(iter(ours))}; use --engine"):
+        record_in_gymnasium(policy, PENDULUM | ours, key, 1)

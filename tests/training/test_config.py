@@ -153,3 +153,17 @@ def test_differences_are_named_and_those_beside_the_point_are_not():
     other = RunConfig.from_mapping(SETTINGS | {"seeds": 3, "checkpoint_steps": 7, "eval_every": 5})
     assert one.differences(other) == ["seeds: 1 here, 3 there"]
     assert one.differences(RunConfig.from_mapping(one.to_dict())) == []
+
+
+def test_held_actions_count_as_many_environment_steps():
+    env = {"name": "halfcheetah", "action_repeat": 4}
+    config = RunConfig.from_mapping(SETTINGS | {"env": env, "total_steps": 100_000})
+    assert config.steps_per_iteration == 4 * config.num_envs * config.rollout_length
+    assert 0 <= config.env_steps - 100_000 < config.steps_per_iteration
+    with pytest.raises(UsageError, match="must have the same action_repeat"):
+        RunConfig.from_mapping(SETTINGS | {"env": env, "second_env": {"name": "hopper"}})
+
+
+def test_a_pairs_tasks_hold_their_actions_alike():
+    config = Settings(["experiment=transfer", "env.action_repeat=5"]).config()
+    assert [task["action_repeat"] for task in config.tasks] == [5, 5]

@@ -1,3 +1,4 @@
+import dataclasses
 import multiprocessing
 import os
 
@@ -74,6 +75,15 @@ def test_another_runs_folder_is_not_taken_for_ones_own(tmp_path):
     assert is_finished(tmp_path, CONFIG)
     other = RunConfig(algo={"name": "ppo", "gamma": 0.9}, env={"name": "halfcheetah"}, seeds=2)
     with pytest.raises(UsageError, match=r"algo.gamma: 0.9 here, None there; seeds: 2 here, 1 the"):
+        already_there(tmp_path, other)
+
+
+def test_a_keyword_that_an_older_run_did_not_have_yet_is_at_its_default(tmp_path):
+    claim(tmp_path, CONFIG)
+    env = {"name": "halfcheetah", "ctrl_cost_weight": 0.1, "hide_velocities": False}
+    assert already_there(tmp_path, dataclasses.replace(CONFIG, env=env))
+    other = dataclasses.replace(CONFIG, env=env | {"hide_velocities": True})
+    with pytest.raises(UsageError, match=r"env.hide_velocities: True here, False there"):
         already_there(tmp_path, other)
 
 

@@ -42,6 +42,7 @@ class Hopper(MujocoEnv):
       healthy_angle_range: open interval for the torso's pitch, rad.
       reset_noise_scale: half-width of the uniform noise on qpos and qvel.
       exclude_current_positions_from_observation: leave the torso's x out of the observation.
+      hide_velocities: leave the velocities out of the observation [5].
     """
 
     reward_terms = ("reward_forward", "reward_ctrl", "reward_survive")
@@ -60,6 +61,7 @@ class Hopper(MujocoEnv):
         healthy_angle_range: tuple[float, float] = (-0.2, 0.2),
         reset_noise_scale: float = 5e-3,
         exclude_current_positions_from_observation: bool = True,
+        hide_velocities: bool = False,
     ):
         model = load_gymnasium_model("hopper.xml")
         super().__init__(model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
@@ -71,6 +73,7 @@ class Hopper(MujocoEnv):
         self._healthy_angle_range = healthy_angle_range
         self._reset_noise_scale = reset_noise_scale
         self._first_position = 1 if exclude_current_positions_from_observation else 0
+        self._observed_velocities = 0 if hide_velocities else model.nv
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the standing pose."""
@@ -78,7 +81,8 @@ class Hopper(MujocoEnv):
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and clipped velocities."""
-        velocity = jnp.clip(data.qvel, -MAX_OBSERVED_VELOCITY, MAX_OBSERVED_VELOCITY)
+        velocity = data.qvel[: self._observed_velocities]
+        velocity = jnp.clip(velocity, -MAX_OBSERVED_VELOCITY, MAX_OBSERVED_VELOCITY)
         return jnp.concatenate([data.qpos[self._first_position :], velocity])
 
     def reward(

@@ -9,7 +9,7 @@ from hitmdp_jax.envs.gym.initial import uniform_around_rest
 from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 2  # substeps of 0.02 s
-POLE_ANGLE = 1  # observation and qpos: angle of the pole, rad
+POLE_ANGLE = 1  # qpos: angle of the pole, rad
 MAX_ANGLE = 0.2  # rad
 
 # One control step errs by 3.9e-6 in qpos with 2 and 2 iterations as with 100 and 50, by 7e-3 with 1
@@ -28,6 +28,7 @@ class InvertedPendulum(MujocoEnv):
       physics: the engine; see `MujocoEnv`.
       version: "v5", or "v4", which also rewards the step that ends the episode.
       reset_noise_scale: half-width of the uniform noise on qpos and qvel.
+      hide_velocities: leave the velocities out of the observation [2].
     """
 
     reward_terms = ("reward_survive",)
@@ -38,11 +39,13 @@ class InvertedPendulum(MujocoEnv):
         version: str = "v5",
         *,
         reset_noise_scale: float = 0.01,
+        hide_velocities: bool = False,
     ):
         model = load_gymnasium_model("inverted_pendulum.xml")
         super().__init__(model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
         self._reward_at_end = 1.0 if version == "v4" else 0.0
         self._reset_noise_scale = reset_noise_scale
+        self._observed_velocities = 0 if hide_velocities else model.nv
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the upright rest."""
@@ -50,7 +53,7 @@ class InvertedPendulum(MujocoEnv):
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and velocities."""
-        return jnp.concatenate([data.qpos, data.qvel])
+        return jnp.concatenate([data.qpos, data.qvel[: self._observed_velocities]])
 
     def reward(
         self, before: PhysicsState, after: PhysicsState, action: jax.Array
@@ -61,6 +64,6 @@ class InvertedPendulum(MujocoEnv):
 
     def terminated(self, data: PhysicsState) -> jax.Array:
         """Return whether the pole fell or the state is not finite."""
-        observation = self.observation(data)
-        fallen = jnp.abs(observation[POLE_ANGLE]) > MAX_ANGLE
-        return fallen | ~jnp.isfinite(observation).all()
+        fallen = jnp.abs(data.qpos[POLE_ANGLE]) > MAX_ANGLE
+        finite = jnp.isfinite(data.qpos).all() & jnp.isfinite(data.qvel).all()
+        return fallen | ~finite

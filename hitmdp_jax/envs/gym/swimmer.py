@@ -30,6 +30,7 @@ class Swimmer(MujocoEnv):
       ctrl_cost_weight: weight of the squared action.
       reset_noise_scale: half-width of the uniform noise on qpos and qvel.
       exclude_current_positions_from_observation: leave the tip's x and y out of the observation.
+      hide_velocities: leave the velocities out of the observation [3].
     """
 
     reward_terms = ("reward_forward", "reward_ctrl")
@@ -43,6 +44,7 @@ class Swimmer(MujocoEnv):
         ctrl_cost_weight: float = 1e-4,
         reset_noise_scale: float = 0.1,
         exclude_current_positions_from_observation: bool = True,
+        hide_velocities: bool = False,
     ):
         model = load_gymnasium_model("swimmer.xml")
         super().__init__(model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
@@ -50,6 +52,7 @@ class Swimmer(MujocoEnv):
         self._ctrl_cost_weight = ctrl_cost_weight
         self._reset_noise_scale = reset_noise_scale
         self._first_position = 2 if exclude_current_positions_from_observation else 0
+        self._observed_velocities = 0 if hide_velocities else model.nv
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the stretched pose."""
@@ -57,7 +60,8 @@ class Swimmer(MujocoEnv):
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and velocities."""
-        return jnp.concatenate([data.qpos[self._first_position :], data.qvel])
+        velocity = data.qvel[: self._observed_velocities]
+        return jnp.concatenate([data.qpos[self._first_position :], velocity])
 
     def reward(
         self, before: PhysicsState, after: PhysicsState, action: jax.Array

@@ -38,6 +38,7 @@ class Walker2d(MujocoEnv):
       healthy_angle_range: open interval for the torso's pitch, rad.
       reset_noise_scale: half-width of the uniform noise on qpos and qvel.
       exclude_current_positions_from_observation: leave the torso's x out of the observation.
+      hide_velocities: leave the velocities out of the observation [8].
     """
 
     reward_terms = ("reward_forward", "reward_ctrl", "reward_survive")
@@ -55,6 +56,7 @@ class Walker2d(MujocoEnv):
         healthy_angle_range: tuple[float, float] = (-1.0, 1.0),
         reset_noise_scale: float = 5e-3,
         exclude_current_positions_from_observation: bool = True,
+        hide_velocities: bool = False,
     ):
         model = load_gymnasium_model("walker2d.xml" if version == "v4" else "walker2d_v5.xml")
         super().__init__(model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
@@ -65,6 +67,7 @@ class Walker2d(MujocoEnv):
         self._healthy_angle_range = healthy_angle_range
         self._reset_noise_scale = reset_noise_scale
         self._first_position = 1 if exclude_current_positions_from_observation else 0
+        self._observed_velocities = 0 if hide_velocities else model.nv
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the standing pose."""
@@ -72,7 +75,8 @@ class Walker2d(MujocoEnv):
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and clipped velocities."""
-        velocity = jnp.clip(data.qvel, -MAX_OBSERVED_VELOCITY, MAX_OBSERVED_VELOCITY)
+        velocity = data.qvel[: self._observed_velocities]
+        velocity = jnp.clip(velocity, -MAX_OBSERVED_VELOCITY, MAX_OBSERVED_VELOCITY)
         return jnp.concatenate([data.qpos[self._first_position :], velocity])
 
     def reward(

@@ -1,0 +1,97 @@
+"""Holding each action for several control steps: temporal abstraction without options."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from brax.envs.base import Env, State, Wrapper
+
+from hitmdp_jax.errors import out_of_domain
+
+EPISODE_LENGTH = 1000  # control steps: the time limit of tasks that state none
+CLOCK = "control_steps"  # in `State.info`, of the episode so far
+
+
+class ActionRepeat(Wrapper):
+    """Holds each action for N control steps and adds up their rewards, undiscounted.
+
+    The hold ends early where the task ends the episode, and at the task's time limit: an episode is
+    as long as without the wrapper. Reward terms in `state.metrics` are added up, too; whatever else
+    the task reports there is that of the last control step.
+
+    Args:
+      env: the task, unbatched and without auto-reset.
+      action_repeat: N.
+
+    Attributes:
+      episode_length: the task's time limit in control steps, not in actions.
+      action_repeat: N.
+    """
+
+    def __init__(self, env: Env, action_repeat: int):
+        super().__init__(env)
+        self.action_repeat = action_repeat
+        self.episode_length = getattr(env, "episode_length", EPISODE_LENGTH)
+        self._terms = getattr(env, "reward_terms", ())
+
+    def reset(self, rng: jax.Array) -> State:
+        """Start an episode from the task's initial distribution."""
+        return _with_clock(self.env.reset(rng), jnp.zeros((), jnp.int32))
+
+    def reset_to(self, qpos: jax.Array, qvel: jax.Array) -> State:
+        """Start an episode of a MuJoCo task from given coordinates: qpos [nq], qvel [nv]."""
+        state = self.env.reset_to(qpos, qvel)  # pyright: ignore[reportAttributeAccessIssue]
+        return _with_clock(state, jnp.zeros((), jnp.int32))
+
+    def step(self, state: State, action: jax.Array) -> State:
+        """Hold `action` [A] for N control steps, or until the episode's end."""
+        info = dict(state.info)
+        clock = info.pop(CLOCK)
+        nothing = dict.fromkeys(self._terms, jnp.zeros(()))
+        held = state.replace(  # pyright: ignore[reportAttributeAccessIssue]
+            reward=jnp.zeros_like(state.reward),
+            done=jnp.zeros_like(state.done),
+            metrics=state.metrics | nothing,
+            info=info,
+        )
+
+        def control_step(carry: tuple[State, jax.Array], _: None):
+            held, clock = carry
+            after = self.env.step(held, action)
+            terms = {name: held.metrics[name] + after.metrics[name] for name in self._terms}
+            after = after.replace(  # pyright: ignore[reportAttributeAccessIssue]
+                reward=held.reward + after.reward, metrics=after.metrics | terms
+            )
+            goes_on = (held.done == 0) & (clock < self.episode_length)
+            held = jax.tree.map(lambda a, b: jnp.where(goes_on, a, b), after, held)
+            return (held, clock + goes_on), None
+
+        (held, clock), _ = jax.lax.scan(control_step, (held, clock), length=self.action_repeat)
+        return _with_clock(held, clock)
+
+    @property
+    def dt(self) -> float:
+        """Seconds for which an action is held."""
+        return self.action_repeat * self.env.dt  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def check_action_repeat(action_repeat: Any) -> None:
+    """Raise UsageError where a number of control steps to hold an action for is none."""
+    whole = isinstance(action_repeat, int) and not isinstance(action_repeat, bool)
+    if not whole or action_repeat < 1:
+        raise out_of_domain("action_repeat", action_repeat, "a positive whole number")
+
+
+def action_repeat_of(env: Env) -> int:
+    """Return for how many control steps an environment holds each action; 1 for most."""
+    return env.action_repeat if isinstance(env, ActionRepeat) else 1
+
+
+def steps_taken(before: State, after: State) -> jax.Array | int:
+    """Return the control steps that lie between a state and the one that a step leads to."""
+    return after.info[CLOCK] - before.info[CLOCK] if CLOCK in after.info else 1
+
+
+def _with_clock(state: State, clock: jax.Array) -> State:
+    info = state.info | {CLOCK: clock}
+    return state.replace(info=info)  # pyright: ignore[reportAttributeAccessIssue]
