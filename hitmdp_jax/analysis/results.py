@@ -26,6 +26,7 @@ from hitmdp_jax.training.config import RunConfig
 POINTS = 100  # of a published curve
 EPISODES = 20  # over which the paper's curves are averaged (App. B), and those of an evaluation
 CONFIG, SEEDS, CURVE, ABOUT = "config.yaml", "seeds.csv", "curve.csv", "about.yaml"
+DRAWING = "options_used.png"  # of a sweep
 
 Columns = dict[str, np.ndarray]  # by name, [R] each
 
@@ -37,6 +38,16 @@ class Cell:
     config: RunConfig
     seeds: Columns  # as `columns_of` and the evaluation gave them
     about: dict[str, Any]
+
+    @property
+    def swept(self) -> str:
+        """The first of what the run swept, or nothing."""
+        return next(iter(self.config.sweep or {}), "")
+
+    @property
+    def num_options(self) -> int:
+        """K, or 1 of an algorithm without options."""
+        return int(self.config.algo.get("num_options", 1))
 
     def stands_for(self, config: RunConfig) -> list[str]:
         """Return what tells the cell from a run of these settings; more seeds do not."""

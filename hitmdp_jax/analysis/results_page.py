@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hitmdp_jax.analysis.results import EPISODES, Cell, Columns, read
+from hitmdp_jax.analysis.results import DRAWING, EPISODES, Cell, Columns, read
 from hitmdp_jax.analysis.statistics import (
     difference,
     interquartile_mean,
@@ -15,6 +15,8 @@ from hitmdp_jax.analysis.statistics import (
     with_interval,
 )
 from hitmdp_jax.analysis.tables import Rows, markdown
+from hitmdp_jax.analysis.used_options import counts
+from hitmdp_jax.training.sweep import PREFIX
 
 INTRODUCTION = f"""# What was measured
 
@@ -53,27 +55,39 @@ class Suite:
         return [*self.tasks[task], *self.arms[arm], *self.settings]
 
 
-def page(suites: Mapping[str, Suite], results: Path) -> str:
+def page(suites: Mapping[str, Suite], results: Path, link: str) -> str:
     """Return the page, in Markdown.
 
     Args:
       suites: name -> table.
       results: the folder of the published cells.
+      link: that folder as the page names it.
     """
-    return "\n".join([INTRODUCTION, *(section(name, s, results) for name, s in suites.items())])
+    sections = [section(name, suite, results, link) for name, suite in suites.items()]
+    return "\n".join([INTRODUCTION, *sections])
 
 
-def section(name: str, suite: Suite, results: Path) -> str:
-    """Return what is told of one table: a table a task, what is missing, and the commands."""
+def section(name: str, suite: Suite, results: Path, link: str) -> str:
+    """Return what is told of one table: a table a task, what is missing, and the commands.
+
+    Args:
+      name: the table's.
+      suite: the table.
+      results: the folder of the published cells.
+      link: that folder as the page names it.
+    """
     cells = {
         task: {arm: cell for arm in suite.arms if (cell := read(results / task / arm))}
         for task in suite.tasks
     }
-    parts = [f"## {suite.title}\n", suite.about, "", suite.elsewhere, ""]
+    parts = [f"## {suite.title}\n", suite.about, ""]
+    parts += [suite.elsewhere, ""] if suite.elsewhere else []
     parts += [f"`python -m hitmdp_jax.reproduce {name}` makes it, or goes on with it.", ""]
     for task, published in cells.items():
         if published:
             parts += [f"### {task}\n", markdown(table(suite, task, published))]
+            drawn = [arm for arm in published if (results / task / arm / DRAWING).is_file()]
+            parts += [f"![options used]({link}/{task}/{arm}/{DRAWING})\n" for arm in drawn]
     missing = {
         task: [arm for arm in suite.arms if arm not in published]
         for task, published in cells.items()
@@ -147,16 +161,15 @@ def _choices(seeds: Columns) -> str:
 
 def _by_setting(cell: Cell) -> Rows:
     """Return how many options each setting of a sweep uses, as Figure 11 counts them."""
-    seeds, (name, *_) = cell.seeds, list(cell.config.sweep or {})
-    most = int(cell.config.algo["num_options"])
-    counts = [f"{k} option{'s' if k > 1 else ''}" for k in range(1, most + 1)]
-    rows = [[name.removeprefix("algo."), "seeds", *counts, "IQM [95% interval]", "deterministic"]]
-    for value in dict.fromkeys(seeds[name]):
+    seeds, name = cell.seeds, cell.swept
+    values, used = counts(seeds, name, cell.num_options)
+    numbers = [f"{k} option{'s' if k > 1 else ''}" for k in range(1, cell.num_options + 1)]
+    rows = [[name.removeprefix(PREFIX), "seeds", *numbers, "IQM [95% interval]", "deterministic"]]
+    for value, row in zip(values, used, strict=True):
         own = {column: x[seeds[name] == value] for column, x in seeds.items()}
-        used = [str(int((own["options_used"] == k).sum())) for k in range(1, most + 1)]
         returns = with_interval(interquartile_mean, own["last_100k_steps"])
-        seeds_of_it = str(len(own["seed"]))
-        rows.append([f"{value:g}", seeds_of_it, *used, returns, _spread(own["evaluation"])])
+        score = _spread(own["evaluation"])
+        rows.append([f"{value:g}", str(len(own["seed"])), *map(str, row), returns, score])
     return rows
 
 

@@ -2,6 +2,8 @@
 
 import datetime
 import json
+import os
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -12,7 +14,7 @@ import numpy as np
 import yaml
 
 import hitmdp_jax
-from hitmdp_jax.analysis import results
+from hitmdp_jax.analysis import results, used_options
 from hitmdp_jax.analysis.results_page import Suite, page, section
 from hitmdp_jax.commands.arms import configs_of, named, train_arms
 from hitmdp_jax.errors import UsageError, unknown_name
@@ -67,26 +69,34 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
         if code := train_arms({run_dir.name: commands[cell]}, run_dir.parent):
             return code
         about = {
-            "command": " ".join(["python train.py", *commands[cell]]),
+            "command": shlex.join(["python", "train.py", *commands[cell]]),
             "day": datetime.date.today().isoformat(),
             "with": ", ".join(versions()),
         }
         results.publish(run_dir, folder / cell, evaluated(run_dir, configs[cell]), about)
-        if cell.split("/")[1] in suite.policies:
-            publish_policy(run_dir, folder / cell)
+        publish_more(run_dir, folder / cell, with_policy=cell.split("/")[1] in suite.policies)
         write_page(folder, Path(own["page"]))
         print(f"{cell}: published in {folder / cell}", flush=True)
-    print(section(name, suite, folder))
+    print(section(name, suite, folder, str(folder)))
     return 0
 
 
-def publish_policy(run_dir: Path, folder: Path) -> None:
-    """Keep the policy, of those of a published cell, whose deterministic episodes score best."""
+def publish_more(run_dir: Path, folder: Path, with_policy: bool) -> None:
+    """Draw what a published sweep found, or keep the policy whose deterministic episodes are best.
+
+    Args:
+      run_dir: the run's folder.
+      folder: the published cell's.
+      with_policy: whether to keep the policy.
+    """
     cell = results.read(folder)
     assert cell is not None
-    best = int(np.nanargmax(cell.seeds["evaluation"]))
-    training = cell.config.trainings[best]
-    extract(run_dir, folder / "policy", training.seed, setting=training.setting)
+    if cell.swept:
+        drawn = used_options.figure(cell.seeds, cell.swept, cell.num_options)
+        drawn.savefig(folder / results.DRAWING, dpi=150)
+    if with_policy:
+        training = cell.config.trainings[int(np.nanargmax(cell.seeds["evaluation"]))]
+        extract(run_dir, folder / "policy", training.seed, setting=training.setting)
 
 
 def report(arguments: Sequence[str]) -> int:
@@ -125,7 +135,8 @@ def _places(arguments: Sequence[str], page: str) -> tuple[Path, Path]:
 def write_page(folder: Path, path: Path) -> None:
     """Write the page of the cells that are published in a folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page({name: read(name) for name in names()}, folder))
+    link = Path(os.path.relpath(folder, path.parent)).as_posix()
+    path.write_text(page({name: read(name) for name in names()}, folder, link))
 
 
 def evaluated(run_dir: Path, config: RunConfig) -> dict[str, np.ndarray]:
@@ -137,7 +148,7 @@ def evaluated(run_dir: Path, config: RunConfig) -> dict[str, np.ndarray]:
     names = {"evaluation": "return", "evaluation_std": "std"}
     rows = _evaluate(run_dir, "--deterministic", "--episodes", str(results.EPISODES))
     columns = {name: np.array([row[column] for row in rows]) for name, column in names.items()}
-    if config.algo.get("num_options", 1) > 1:
+    if config.algo.get("num_options", 1) > 1 and not config.sweep:
         rows = _evaluate(run_dir, "--choices", "--episodes", str(CHOICE_EPISODES))
         choices = [name for name in rows[0] if name.endswith(("_choice", "_choices", "_option"))]
         columns |= {name: np.array([row[name] for row in rows]) for name in choices}
