@@ -42,6 +42,10 @@ _REGISTRY = {
     "dmc/walker_stand": ("dmc.walker", "WalkerStand"),
     "dmc/walker_walk": ("dmc.walker", "WalkerWalk"),
     "dmc/walker_backward": ("dmc.walker", "WalkerBackward"),
+    "maze/point_fourrooms": ("maze.point", "PointFourRooms"),
+    "maze/point_umaze": ("maze.point", "PointUMaze"),
+    "maze/point_medium": ("maze.point", "PointMediumMaze"),
+    "maze/ant_umaze": ("maze.ant", "AntUMaze"),
     "toy/turkey": ("toy.turkey", "Turkey"),
 }
 

@@ -4,7 +4,7 @@ import inspect
 import math
 import types
 from collections.abc import Callable, Mapping
-from typing import Any, Union, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin
 
 import jax
 import numpy as np
@@ -124,6 +124,8 @@ def _fits(value: Any, kind: Any) -> bool:
     outer, inner = get_origin(kind) or kind, get_args(kind)
     if outer in (types.UnionType, Union):
         return any(_fits(value, one) for one in inner)
+    if outer is Literal:
+        return value in inner
     if outer in (tuple, list):
         if not isinstance(value, tuple | list):
             return False
@@ -144,6 +146,8 @@ def _words(kind: Any) -> str:
     outer, inner = get_origin(kind) or kind, get_args(kind)
     if outer in (types.UnionType, Union):
         return " or ".join(map(_words, inner))
+    if outer is Literal:
+        return " or ".join(map(str, inner))
     if outer is tuple and inner and Ellipsis not in inner:
         return f"a list of {', '.join(map(_words, inner))}"
     return WANTED.get(outer, "anything")

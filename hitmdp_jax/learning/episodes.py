@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from hitmdp_jax.envs.vector import Step
-from hitmdp_jax.learning.metrics import Metrics
+from hitmdp_jax.learning.metrics import Metrics, describe
 
 RECENT_EPISODES = 100  # what `recent_return` averages over
 
@@ -48,7 +48,9 @@ class EpisodeWindow(struct.PyTreeNode):
 def episode_metrics(outcome: Step) -> Metrics:
     """Return the means over whole episodes that ended in a rollout; NaN where none did.
 
-    `episode_return` is undiscounted and raw, of the stochastic training policy.
+    `episode_return` is undiscounted and raw, of the stochastic training policy. What a task reports
+    of its steps is their mean; what it reports of an episode (`learning.metrics`), such as success,
+    is read at the episode's end.
     """
     count = outcome.finished.sum()
 
@@ -60,4 +62,7 @@ def episode_metrics(outcome: Step) -> Metrics:
         "episode_return": mean(outcome.episode_return),
         "episode_length": mean(outcome.episode_length),
         "episodes": count,
-    } | {name: x.mean() for name, x in outcome.metrics.items()}
+    } | {
+        name: mean(x) if describe(name).over_iterations == "by episodes" else x.mean()
+        for name, x in outcome.metrics.items()
+    }

@@ -32,6 +32,11 @@ VOCABULARY: dict[str, Metric] = {
         "by episodes",
     ),
     "episode_length": Metric("their length", "control steps", "by episodes"),
+    "success": Metric(
+        "whole episodes that ended in which the goal was reached",
+        "share of episodes",
+        "by episodes",
+    ),
     "recent_return": Metric("mean return of a seed's last 100 episodes", "reward", "last"),
     "recent_length": Metric("their mean length", "control steps", "last"),
     # The run.
