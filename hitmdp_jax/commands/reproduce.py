@@ -9,11 +9,12 @@ Targets:
   theory   computes and draws Theorem 3.3 and Proposition 3.5 on random option frameworks (`seed=`,
            `run_dir=`).
 
-  table1, table2, table3, figure11
-           trains what the paper's table or figure shows, one run after the other, publishes each in
-           `results/` as soon as it is done and writes docs/results.md; what is published is not
-           trained again, what was stopped goes on. `tasks=` and `arms=` name a part of it
-           (`table1 tasks=swimmer arms=mopg,ppo`); other settings are those of train.py (`seeds=4`).
+  table1, table2, table3, figure11, options
+           trains what the paper's table or figure shows, or tasks in which options should pay, one
+           run after the other, publishes each in `results/` as soon as it is done and writes
+           docs/results.md; what is published is not trained again, what was stopped goes on.
+           `tasks=` and `arms=` name a part of it (`table1 tasks=swimmer arms=mopg,ppo`); other
+           settings are those of train.py (`seeds=4`).
   results  writes docs/results.md from what is published (`results=`, `page=`: other places)
   curves   draws all published curves, seeds and profiles on one page, results.html
 

@@ -31,7 +31,7 @@ OWN = {"tasks": "all", "arms": "all", "results": "results", "page": "docs/result
 
 def names() -> list[str]:
     """Return the suites that come with the package, in the order of the page."""
-    order = ["table1", "table2", "table3", "figure11"]
+    order = ["table1", "table2", "table3", "figure11", "options"]
     found = sorted(path.stem for path in SUITES.glob("*.yaml"))
     return sorted(found, key=lambda name: order.index(name) if name in order else len(order))
 
