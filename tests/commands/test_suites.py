@@ -1,7 +1,11 @@
 """`python -m hitmdp_jax.reproduce table1` and its like, as a user runs them."""
 
+import jax
+import jax.numpy as jnp
+import numpy as np
 import pytest
 
+import hitmdp_jax
 from hitmdp_jax.commands import suites
 from hitmdp_jax.commands.arms import configs_of
 from tests.commands.conftest import CHECKOUT, SMALL
@@ -23,6 +27,17 @@ def test_every_cell_of_a_suite_can_be_run_and_the_paper_speaks_of_no_other(name)
 def test_the_page_is_that_of_the_published_results(tmp_path):
     suites.write_page(CHECKOUT / "results", tmp_path / "results.md")
     assert (tmp_path / "results.md").read_text() == (CHECKOUT / "docs/results.md").read_text()
+
+
+def test_published_policies_are_small_and_can_be_loaded():
+    folders = sorted((CHECKOUT / "results").glob("*/*/policy"))
+    assert folders
+    for folder in folders:
+        assert sum(x.stat().st_size for x in folder.rglob("*") if x.is_file()) < 2 * 2**20
+        policy = hitmdp_jax.load(folder)
+        key, obs = jax.random.key(0), jnp.zeros(policy.normalizer.mean.shape)
+        action, _ = policy.act(obs, policy.initial_memory(key), key)
+        assert np.isfinite(action).all()
 
 
 def test_a_suite_is_trained_published_and_not_trained_again(command, tmp_path):
