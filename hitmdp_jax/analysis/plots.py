@@ -88,28 +88,31 @@ def training_options(metrics: Mapping[str, np.ndarray], place: int) -> tuple[go.
     return usage, lasting
 
 
-def strips(option: ArrayLike, alive: ArrayLike, number: int, dt: float) -> go.Figure:
+def strips(option: ArrayLike, alive: ArrayLike, number: int, dt: float | None) -> go.Figure:
     """Draw which option acts when: a row an episode, time to the right.
 
     Args:
       option: [T, N].
       alive: [T, N] bool, the step belongs to the episode.
       number: K.
-      dt: seconds a step.
+      dt: seconds a step; None counts steps.
     """
     option, alive = np.asarray(option), np.asarray(alive, bool)
+    longest = int(alive.sum(axis=0).max())
+    option, alive = option[:longest], alive[:longest]
+    unit, axis = ("step", "%{x}") if dt is None else ("seconds", "%{x:.2f} s")
     taken = np.where(alive, option, np.nan).astype(np.float32).T
     height = max(110 + 26 * len(taken), 80 + 16 * number)  # rows, and the colours beside them
-    shown = figure(height, xaxis_title="seconds", yaxis_title="episode")
+    shown = figure(height, xaxis_title=unit, yaxis_title="episode")
     shown.add_heatmap(
         z=taken,
-        x=np.arange(len(option)) * dt,
+        x=np.arange(longest) * (dt or 1),
         y=np.arange(1, len(taken) + 1),
         zmin=-0.5,
         zmax=number - 0.5,
         colorscale=_steps_of_color(number),
         colorbar={"title": "option", "tickvals": list(range(number)), "thickness": 12},
-        hovertemplate="%{x:.2f} s: option %{z}<extra>episode %{y}</extra>",
+        hovertemplate=axis + ": option %{z}<extra>episode %{y}</extra>",
         ygap=3,
     )
     shown.update_yaxes(dtick=1, autorange="reversed")
@@ -127,7 +130,7 @@ def matrix(
     *,
     axes: tuple[str, str] = ("", ""),
     signed: bool = False,
-    written: bool = True,
+    written: str | None = ".2f",
 ) -> go.Figure:
     """Draw a matrix [R, C] as coloured cells.
 
@@ -137,7 +140,7 @@ def matrix(
       columns: their names, C.
       axes: what columns and rows are.
       signed: zero is the middle of the colours.
-      written: write the numbers into the cells.
+      written: how the numbers stand in the cells; None leaves them out.
     """
     values = np.asarray(values, np.float32)
     known = np.abs(values[np.isfinite(values)])
@@ -150,7 +153,7 @@ def matrix(
         zmin=-most if signed else 0.0,
         zmax=most,
         colorscale=DIVERGING if signed else RISING,
-        texttemplate="%{z:.2f}" if written else None,
+        texttemplate=written and f"%{{z:{written}}}",
         colorbar={"thickness": 12},
         hovertemplate="%{y}, %{x}: %{z:.3f}<extra></extra>",
     )

@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import inspect
 import json
+import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -161,23 +162,26 @@ class RunReport:
         """Say what was run, with what, and how it ended."""
         config, metrics = self.config, self.metrics
         returns = final_returns(metrics, config.switch_at or 0)
-        low, high = bootstrap_interval(interquartile_mean, returns)
         done, speed = int(metrics["env_steps"].max()), np.median(metrics["steps_per_second"][0])
+        steps, score = (
+            f"{done:,} of {config.env_steps:,}",
+            number(float(interquartile_mean(returns))),
+        )
+        minutes = max(1, round(done / speed / 60))
+        each = []
+        if len(returns) > 1:
+            low, high = bootstrap_interval(interquartile_mean, returns)
+            steps += f", of each of {len(returns)} trainings"
+            score += f" [{number(low)}, {number(high)}] (interquartile mean, 95% interval)"
+            each = [["each seed", ", ".join(number(x, ".0f") for x in returns)]]
         yield table(
             [
                 ["", ""],
                 ["command", command(config)],
-                [
-                    "environment steps",
-                    f"{done:,} of {config.env_steps:,} of each of {len(returns)}",
-                ],
-                [
-                    f"return of the last {FINAL_STEPS:,} steps",
-                    f"{number(float(interquartile_mean(returns)))} "
-                    f"[{number(low)}, {number(high)}] (interquartile mean, 95% interval)",
-                ],
-                ["each seed", ", ".join(number(x, ".0f") for x in returns)],
-                ["time", f"about {done / speed / 60:.0f} minutes"],
+                ["environment steps", steps],
+                [f"return of the last {FINAL_STEPS:,} steps", score],
+                *each,
+                ["time", f"about {minutes} minutes" if minutes > 1 else "about a minute"],
                 ["made with", ", ".join(versions())],
             ]
         )
@@ -210,7 +214,7 @@ class RunReport:
         """Draw which option acts when in recorded episodes."""
         known, K = self.known, self.known.num_options
         recorded, names = known.trajectories, options(K)
-        dt = float(getattr(known.env, "dt", 1.0))
+        dt = getattr(known.env, "dt", None)
         yield chart(plots.strips(np.asarray(recorded.option), recorded.alive, K, dt))
         rows = [["option", "share of steps", "mean duration (steps)"]]
         for k in known.by_usage:
@@ -218,12 +222,15 @@ class RunReport:
             mean = float(lasted.mean()) if lasted.size else np.nan
             rows.append([names[k], f"{known.usage[k]:.0%}", number(mean)])
         yield table(rows)
-        yield heading("Which option follows")
-        yield chart(plots.matrix(known.transitions, names, names, axes=("next", "now")))
+        if K > 1:
+            yield heading("Which option follows")
+            yield chart(plots.matrix(known.transitions, names, names, axes=("next", "now")))
 
     def causes(self) -> Parts:
         """Show what happens if something else chooses the options, and how far they are apart."""
         known, names = self.known, options(self.known.num_options)
+        if known.num_options == 1:
+            raise UsageError("The policy has one option.")
         found = known.interventions
         yield text(
             "The same policy from the same initial states; only who chooses the option differs. "
@@ -232,7 +239,7 @@ class RunReport:
         yield chart(plots.returns_by_choice(found, causal.effects(found), known.num_options))
         yield table(causal.table(found))
         yield heading("How far the options' actions are apart, in nats: mean over visited states")
-        yield chart(plots.matrix(known.divergence, names, names))
+        yield chart(plots.matrix(known.divergence, names, names, written=".2g"))
 
     def embeddings(self) -> Parts:
         """Show the embeddings, and what each of their dimensions does to the actions."""
@@ -243,9 +250,10 @@ class RunReport:
         names, dimensions = options(len(W)), [str(e) for e in range(W.shape[1])]
         yield heading("Embeddings W")
         axes = "dimension", ""
-        yield chart(plots.matrix(W, names, dimensions, axes=axes, signed=True, written=False))
-        yield heading("Their cosine similarities")
-        yield chart(plots.matrix(cosine_similarities(W), names, names, signed=True))
+        yield chart(plots.matrix(W, names, dimensions, axes=axes, signed=True, written=None))
+        if len(W) > 1:
+            yield heading("Their cosine similarities")
+            yield chart(plots.matrix(cosine_similarities(W), names, names, signed=True))
         yield heading("What a dimension does to the actions")
         yield explorer(known)
         for k in known.by_usage[:2]:
@@ -264,7 +272,7 @@ class RunReport:
         }
         groups = known.states.previous, known.states.option
         for (title, values), group in zip(means.items(), groups, strict=True):
-            if values is not None:
+            if values is not None and K > 1:
                 yield heading(title)
                 yield chart(plots.matrix(by_option(values, group), names, names))
 
@@ -292,9 +300,11 @@ def explorer(known: Insight) -> Markup:
     found = known.perturbation
     assert found is not None
     K, here = known.num_options, int(np.abs(found.shifts).argmin())
+    moved = found.actions - found.actions[:, :, here : here + 1]
+    digits = 4 - math.floor(math.log10(np.abs(moved).max() or 1.0))  # that a figure can show
     data: dict[str, Any] = {
         "shifts": found.shifts.round(2).tolist(),
-        "moved": (found.actions - found.actions[:, :, here : here + 1]).round(5).tolist(),
+        "moved": moved.astype(float).round(digits).tolist(),
         "order": strongest(np.abs(found.slopes).max(axis=0)).tolist(),
         "actuators": list(known.names.actuators),
         "colors": [option_color(k) for k in range(len(known.names.actuators))],

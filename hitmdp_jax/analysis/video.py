@@ -5,6 +5,7 @@ import functools
 import importlib.util
 import math
 import os
+import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -59,13 +60,13 @@ def require_ffmpeg() -> str:
         raise missing_extra("video", "A video")
     import imageio_ffmpeg
 
-    try:
-        return imageio_ffmpeg.get_ffmpeg_exe()
-    except RuntimeError:
-        raise UsageError(
-            "There is no ffmpeg to write a video with: install it, or name it by the variable "
-            "IMAGEIO_FFMPEG_EXE."
-        ) from None
+    with contextlib.suppress(RuntimeError):  # none was found
+        if named := shutil.which(imageio_ffmpeg.get_ffmpeg_exe()):
+            return named
+    raise UsageError(
+        "There is no ffmpeg to write a video with: install it, or name it by the variable "
+        "IMAGEIO_FFMPEG_EXE."
+    )
 
 
 def write_video(
@@ -133,7 +134,8 @@ def encoder(
     _, errors = process.communicate()
     if process.returncode:
         beside.unlink(missing_ok=True)
-        raise UsageError(f"'{path}' cannot be written: {_last_line(errors)}")
+        reason = _last_line(errors) or f"'{ffmpeg}' ended with {process.returncode}"
+        raise UsageError(f"'{path}' cannot be written: {reason}")
     os.replace(beside, path)
 
 

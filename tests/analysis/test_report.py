@@ -1,7 +1,14 @@
+import re
+
+import numpy as np
 import pytest
 
-from hitmdp_jax.analysis.report import command
+from hitmdp_jax.agents import MOPG
+from hitmdp_jax.analysis.report import RunReport, command
 from hitmdp_jax.commands.settings import Settings
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training.sinks import CsvSink
+from tests.analysis.test_insight import insight_of
 
 RUNS = (
     ["env=halfcheetah", "physics=native", "seeds=3", "seed=100"],
@@ -18,3 +25,45 @@ def test_the_command_of_a_run_leads_to_its_settings(settings):
     python, script, *again = command(config).split(" ")
     assert (python, script) == ("python", "train.py")
     assert Settings(again).config() == config
+
+
+def page_of(folder, num_options, seeds):
+    """The page of a run of one iteration, which cannot be filmed, without its programs."""
+    settings = ["env=hopper", f"algo.num_options={num_options}", f"seeds={seeds}"]
+    config = Settings(settings).config()
+    sink = CsvSink(folder, config.trainings)
+    metrics = {
+        name: np.full(seeds, 7.0) for name in ("episode_return", "episodes", "steps_per_second")
+    } | {name: np.ones((seeds, num_options)) for name in ("option_steps", "option_activations")}
+    sink.write(1, 2048, metrics)
+    sink.close()
+    agent = MOPG(num_options=num_options, embedding_size=5, hidden_sizes=(8,))
+
+    def video(path):
+        raise UsageError("no luck.")
+
+    content = RunReport(folder, config, 0, lambda: insight_of(agent), video).html()
+    return re.sub(r"<script.*?</script>", "", content, flags=re.DOTALL)
+
+
+def headings(page):
+    return re.findall("<h[23]>(.*?)</h[23]>", page)
+
+
+def test_of_a_single_option_is_shown_what_it_has_to_show(tmp_path):
+    page = page_of(tmp_path, 1, seeds=1)
+    assert headings(page) == [
+        "What was run", "What it learned", "Options while it learned", "When each option acts",
+        "What an embedding means", "Embeddings W", "What a dimension does to the actions",
+        "Where each option acts", "Settings", "Left out",
+    ]  # fmt: skip
+    assert "<li>Do the options differ, and do they matter?: The policy has one option.</li>" in page
+    assert "<li>Video: no luck.</li>" in page
+    assert "95% interval" not in page
+
+
+def test_several_options_and_seeds_have_the_rest(tmp_path):
+    page = page_of(tmp_path, 3, seeds=2)
+    assert {"Which option follows", "Their cosine similarities"} < set(headings(page))
+    assert "each of 2 trainings" in page
+    assert "7.0 [7.0, 7.0] (interquartile mean, 95% interval)" in page

@@ -176,8 +176,12 @@ def test_what_is_missing_is_said(tmp_path, env, recorded, monkeypatch):
     def fail():
         raise RuntimeError
 
-    monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", fail)
-    with pytest.raises(UsageError, match="There is no ffmpeg"):
+    for named in (fail, lambda: str(tmp_path / "ffmpeg")):
+        monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", named)
+        with pytest.raises(UsageError, match="There is no ffmpeg"):
+            write_video(tmp_path / "a.mp4", env, recorded, size=SIZE)
+    monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", lambda: "/bin/false")
+    with pytest.raises(UsageError, match="cannot be written: '/bin/false' ended with 1"):
         write_video(tmp_path / "a.mp4", env, recorded, size=SIZE)
     monkeypatch.setattr(video.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match="needs the extra 'video'"):

@@ -1,0 +1,22 @@
+import numpy as np
+import pytest
+
+from hitmdp_jax.analysis import plots
+
+
+@pytest.mark.parametrize(("dt", "unit", "last"), [(0.5, "seconds", 1.0), (None, "step", 2)])
+def test_strips_end_with_the_longest_episode(dt, unit, last):
+    """Episodes of three steps and of one; what comes after an episode is blank."""
+    option = np.array([[2, 1], [0, 1], [0, 1], [1, 1], [1, 1]])
+    alive = np.array([[1, 1], [1, 0], [1, 0], [0, 0], [0, 0]], bool)
+    shown = plots.strips(option, alive, 3, dt)
+    assert shown.layout.xaxis.title.text == unit
+    (strip,) = shown.data
+    np.testing.assert_array_equal(strip.z, [[2, 0, 0], [1, np.nan, np.nan]])
+    assert strip.x[-1] == last
+
+
+@pytest.mark.parametrize("written", [".2g", None])
+def test_a_matrix_tells_its_numbers_where_it_is_asked_to(written):
+    shown = plots.matrix(np.eye(2), ["a", "b"], ["c", "d"], written=written)
+    assert shown.data[0].texttemplate == (written and "%{z:.2g}")
