@@ -35,6 +35,9 @@ from hitmdp_jax.errors import UsageError
         ("ant", "main_body", 1.5, "a whole number or a string"),
         ("ant", "use_contact_forces", "no", "true or false or null"),
         ("humanoid", "contact_cost_weight", math.inf, "a finite number or null"),
+        ("maze/ant_umaze", "reward_type", "denze", "sparse or dense"),
+        ("maze/ant_umaze", "reward_type", None, "sparse or dense"),
+        ("maze/ant_umaze", "continuing_task", "yes", "true or false"),
         ("brax/ant", "healthy_z_range", [2], "two numbers, the lower first"),
         ("brax/ant", "reset_noise_scale", -1, "a finite number from 0"),
     ],
@@ -58,6 +61,7 @@ def test_a_value_that_is_not_valid_is_named_with_what_is(name, keyword, value, w
         ("ant", "main_body", 1),
         ("ant", "use_contact_forces", None),
         ("humanoid", "contact_cost_weight", None),
+        ("maze/ant_umaze", "reward_type", "dense"),
     ],
 )
 def test_every_valid_value_passes(name, keyword, value):

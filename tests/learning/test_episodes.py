@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hitmdp_jax.learning.episodes import RECENT_EPISODES, EpisodeWindow
+from hitmdp_jax.learning.episodes import RECENT_EPISODES, EpisodeWindow, episode_metrics
 from tests.programs import compiled
 
 
@@ -34,3 +34,22 @@ def test_recent_returns_are_means_over_the_last_episodes(counts, seed):
         assert float(metrics["recent_length"]) == pytest.approx(np.mean(last) + 5, abs=1e-4)
     else:
         assert np.isnan(metrics["recent_return"])
+
+
+def test_success_is_read_at_the_end_of_episodes_and_other_reports_at_every_step():
+    # Two episodes of three steps side by side, in which alone the first one's goal is reached, and
+    # the beginning of two more.
+    outcome = SimpleNamespace(
+        finished=np.array([[0, 0], [0, 0], [1, 1], [0, 0]], bool),
+        episode_return=np.zeros((4, 2)),
+        episode_length=np.tile([[1], [2], [3], [1]], 2),
+        metrics={
+            "success": np.array([[0, 0], [1, 0], [1, 0], [1, 1]], np.float32),
+            "speed": np.array([[1, 2], [3, 4], [5, 6], [7, 8]], np.float32),
+        },
+    )
+    metrics = episode_metrics(outcome)
+    assert metrics["success"] == 0.5
+    assert metrics["speed"] == 4.5
+    outcome.finished = np.zeros((4, 2), bool)
+    assert np.isnan(episode_metrics(outcome)["success"])

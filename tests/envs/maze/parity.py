@@ -22,6 +22,7 @@ with warnings.catch_warnings():
 NUM_STATES = 200
 CLOSE = 0.2  # m beyond NEAR: half of the goals are drawn so close that they are reached or missed
 NEAR = 0.45
+SPEED = 3.0  # m/s along x and y, at most, at the start
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +75,9 @@ def random_states(oracle, reach, hold, num_states=NUM_STATES, seed=0):
         offset = rng.uniform(-half, half, 2)
         offset[rng.integers(2)] = rng.choice([-half, half])
         qpos[:2] = cell + offset
-        robot.set_state(qpos, robot.init_qvel)
+        qvel = robot.init_qvel.copy()
+        qvel[:2] = rng.uniform(-SPEED, SPEED, 2)
+        robot.set_state(qpos, qvel)
         for step in range(rng.integers(1, 41)):
             if step % hold == 0:
                 action = random_actions(robot, (), rng)
@@ -134,7 +137,7 @@ def assert_steps_agree(
 
     assert env.observation_size == desired.obs.shape[-1]
     assert env.dt == robot_of(theirs).dt
-    assert (desired.contacts.max(axis=0) > 0).mean() > 0.1  # at walls they could differ
+    assert (desired.contacts.max(axis=0) > 0).mean() > 0.03  # at walls they could differ
     assert 0.1 < desired.success.mean() < 0.9
     assert_near(actual.initial_obs, desired.initial_obs, tolerance, share, "initial observation")
     for step in range(num_steps):

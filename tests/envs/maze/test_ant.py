@@ -9,7 +9,7 @@ from tests.envs.maze.parity import (
 from tests.envs.parity import MjxWithEllipticCones
 
 NAME, ORACLE = "maze/ant_umaze", Oracle("AntMaze_UMaze-v5")
-HOW = {"reach": 0.5, "hold": 1}
+HOW = {"reach": 0.9, "hold": 1}
 
 
 def test_native_steps_as_gymnasium_robotics():

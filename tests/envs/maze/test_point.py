@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from hitmdp_jax import make_env
-from hitmdp_jax.envs import check_env
 from hitmdp_jax.envs.maze.maps import FOUR_ROOMS
-from hitmdp_jax.errors import UsageError
 from tests.envs.maze.parity import (
     Oracle,
     as_numbers,
@@ -80,6 +78,13 @@ def test_success_stays_for_the_rest_of_the_episode_and_the_goal_where_it_is():
     np.testing.assert_array_equal([goal_x, goal_y], np.array([np.zeros(200), np.ones(200)]))
 
 
-def test_an_unknown_reward_is_explained():
-    with pytest.raises(UsageError, match=r"reward_type = denze must be sparse or dense\."):
-        check_env("maze/point_umaze", reward_type="denze")
+def test_a_held_action_adds_up_rewards_and_not_success():
+    env = make_env("maze/point_umaze", physics="native", action_repeat=4)
+    step = jax.jit(env.step)
+    state = step(env.reset_to(jnp.array([-1.0, 1.0, -1.0, 1.0]), jnp.zeros(4)), jnp.zeros(2))
+    assert (state.reward, state.metrics["success"]) == (4.0, 1.0)
+    state = state.replace(
+        pipeline_state=state.pipeline_state.replace(qpos=jnp.array([1, 1, -1, 1.0]))
+    )
+    state = step(state, jnp.zeros(2))
+    assert (state.reward, state.metrics["success"]) == (0.0, 1.0)
