@@ -37,7 +37,8 @@ from hitmdp_jax.training.folder import (
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import InterruptedRunError
 
-RESUMABLE = ("resume", "total_steps", "report")  # what may be set where a run is resumed
+CHANGEABLE = ("total_steps", "data_devices")  # settings that a resumed run may change
+RESUMABLE = ("resume", "report", *CHANGEABLE)  # what may be set then
 MULTIRUN = ("-m", "--multirun")
 FLAGS = (*MULTIRUN, "-h", "--help", "--hydra-help", "--version", "--cfg=job", "--cfg=all", "--info")
 SHOWN = 10  # settings of a sweep, the best; sweep.csv has all
@@ -124,7 +125,7 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     overwrite, report = (flag_setting(values, name) for name in ("overwrite", "report"))
     if resume is not None:
         run_dir = newest() if str(resume) == "latest" else resume
-        config = _resumed(run_dir, names, values["total_steps"])
+        config = _resumed(run_dir, names, values)
     else:
         config = run_config(values)
         find_engine(config.physics).check()
@@ -149,7 +150,7 @@ def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
     """Train, draw what was learned, report it and say how it ended."""
     from hitmdp_jax.training import loop
 
-    set_up_host(config.physics, config.num_envs, len(config.trainings))
+    set_up_host(config.physics, config.num_envs, len(config.trainings), config.data_devices)
     hooks: list[loop.Hook] = [OptionFigures(config, run_dir)]
     if config.video_every:
         from hitmdp_jax.commands.video import Videos
@@ -199,27 +200,26 @@ def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
     return DIVERGED if outcome.diverged else 0
 
 
-def _resumed(run_dir: Path, names: list[str], total_steps: Any) -> RunConfig:
+def _resumed(run_dir: Path, names: list[str], values: dict[str, Any]) -> RunConfig:
     """Return the settings a resumed run goes on with."""
     for name in names:
         if name not in RESUMABLE and not name.startswith("hydra"):
             raise UsageError(
-                f"resume={run_dir} goes on with the run's own settings; only total_steps can be "
-                f"changed, not '{name}'."
+                f"resume={run_dir} goes on with the run's own settings; only "
+                f"{' and '.join(CHANGEABLE)} can be changed, not '{name}'."
             )
     config = RunConfig.load(run_dir)
     if config.env is None:
         raise UsageError(f"'{run_dir}' was saved from Python and names no task to go on with.")
-    if "total_steps" not in names:
-        return config
-    changed = RunConfig.from_mapping(config.to_dict() | {"total_steps": total_steps})
+    changes = {name: values[name] for name in CHANGEABLE if name in names}
+    changed = RunConfig.from_mapping(config.to_dict() | changes)
     if config.second_env is not None and changed.iterations != config.iterations:
         raise UsageError(
             f"'{run_dir}' is a transfer, whose total_steps = {config.total_steps:,} say when it "
             "goes over to its second task; they cannot be changed."
         )
     done = max(saved_iterations(run_dir), default=0)
-    if changed.iterations < done:
+    if "total_steps" in names and changed.iterations < done:
         raise UsageError(
             f"total_steps = {changed.total_steps:,} is less than the "
             f"{changed.steps_after(done):,} that '{run_dir}' has done."

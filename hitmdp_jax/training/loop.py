@@ -200,7 +200,7 @@ def outcome(run: Run, progress: Progress, stop: StopRequest, checkpoints: Checkp
 
 def title(run: Run) -> str:
     """Return the line that says what runs, and where something would be faster."""
-    config, env, devices = run.config, run.envs[0], run.devices
+    config, env, devices = run.config, run.envs[0], run.mesh.devices.ravel()
     on_cpu = devices[0].platform == "cpu"
     parts = [
         config.title,

@@ -138,7 +138,7 @@ def trained(prepared, monkeypatch, tmp_path):
 
     def prepare(run, task, progress):
         saved = progress.state
-        progress.state = first if saved is None else jax.device_put(saved, run.devices[0])
+        progress.state = first if saved is None else jax.device_put(saved, run.mesh.devices[0, 0])
         return step
 
     def run(*hooks, **arguments):
