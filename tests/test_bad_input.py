@@ -163,6 +163,8 @@ TRAIN = [
     ("resume=nowhere", "'nowhere' is not a run's folder"),
     ("resume=empty", "'empty' is not a run's folder"),
     ("resume=notes.txt", "'notes.txt' is not a run's folder"),
+    ("distributed=2", "distributed = 2 must be true or false"),
+    ("-m distributed=true seed=0,1", "leave -m out"),
     ("resume=latest", "resume=latest finds no run"),
     ("resume=run env=ant", "data_devices can be changed, not 'env'"),
     ("resume=run algo.gamma=0.9", "data_devices can be changed, not 'algo.gamma'"),

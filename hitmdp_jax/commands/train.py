@@ -24,8 +24,10 @@ from hitmdp_jax.commands.settings import (
 from hitmdp_jax.commands.tensorboard import OptionFigures
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, exit_with, unknown_name
+from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import saved_iterations
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.devices import make_mesh
 from hitmdp_jax.training.folder import (
     RUNS,
     already_there,
@@ -38,7 +40,7 @@ from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import InterruptedRunError
 
 CHANGEABLE = ("total_steps", "data_devices")  # settings that a resumed run may change
-RESUMABLE = ("resume", "report", *CHANGEABLE)  # what may be set then
+RESUMABLE = ("resume", "report", "distributed", *CHANGEABLE)  # what may be set then
 MULTIRUN = ("-m", "--multirun")
 FLAGS = (*MULTIRUN, "-h", "--help", "--hydra-help", "--version", "--cfg=job", "--cfg=all", "--info")
 SHOWN = 10  # settings of a sweep, the best; sweep.csv has all
@@ -100,8 +102,10 @@ def _sweep_folder(settings: Settings) -> Path:
     jobs = [settings.values(job) for job in settings.jobs()]
     for values in jobs:
         run_config(values)
-        for flag in ("overwrite", "report"):
+        for flag in ("overwrite", "report", "distributed"):
             flag_setting(values, flag)
+        if values["distributed"]:
+            raise UsageError("distributed=true trains one run in several processes: leave -m out.")
         if values["resume"] is not None:
             raise UsageError("resume goes on with one run: leave -m out.")
     if len({str(values["run_dir"]) for values in jobs}) > 1:
@@ -110,6 +114,7 @@ def _sweep_folder(settings: Settings) -> Path:
     return made(folder_setting(jobs[0]) or default)
 
 
+@processes.ending_together()
 def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     """Train as the settings say; return the exit code.
 
@@ -123,6 +128,8 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     """
     run_dir, resume = folder_setting(values), folder_setting(values, "resume")
     overwrite, report = (flag_setting(values, name) for name in ("overwrite", "report"))
+    if flag_setting(values, "distributed"):
+        processes.join()
     if resume is not None:
         run_dir = newest() if str(resume) == "latest" else resume
         config = _resumed(run_dir, names, values)
@@ -135,22 +142,25 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
             check_filming(config)
         if go_on and run_dir is not None and already_there(run_dir, config):
             resume = run_dir
-        else:
-            run_dir = claim(run_dir, config, overwrite)
+    set_up_host(config.physics, config.num_envs, len(config.trainings), config.data_devices)
+    make_mesh(len(config.trainings), config.data_devices)  # or say why not, before a folder is made
+    processes.check_same("settings", config.to_yaml())
+    if resume is None:
+        run_dir = Path(processes.told(lambda: str(claim(run_dir, config, overwrite))))
     assert run_dir is not None
-    if resume is not None and is_finished(run_dir, config):
+    if resume is not None and processes.told(lambda: is_finished(run_dir, config)):
         print(
             f"{run_dir} is finished: {config.env_steps:,} env steps. A larger total_steps goes on."
         )
         return 0
-    return _run(config, run_dir, bool(resume and saved_iterations(run_dir)), report)
+    begun = resume is not None and processes.told(lambda: bool(saved_iterations(run_dir)))
+    return _run(config, run_dir, begun, report)
 
 
 def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
     """Train, draw what was learned, report it and say how it ended."""
     from hitmdp_jax.training import loop
 
-    set_up_host(config.physics, config.num_envs, len(config.trainings), config.data_devices)
     hooks: list[loop.Hook] = [OptionFigures(config, run_dir)]
     if config.video_every:
         from hitmdp_jax.commands.video import Videos
@@ -165,6 +175,8 @@ def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
     except InterruptedRunError as stop:
         print(f"Stopped before the first iteration; nothing to save in {run_dir}.", flush=True)
         os._exit(128 + stop.signum)  # the compiler's thread cannot be stopped otherwise
+    if not processes.is_first():
+        return 128 + outcome.signum if outcome.signum else DIVERGED if outcome.diverged else 0
     where = f"Stopped at {outcome.env_steps:,} env steps, saved"
     print(f"{where if outcome.signum else 'Saved'} in {run_dir}.")
     if outcome.failure:

@@ -12,6 +12,7 @@ from jax.sharding import PartitionSpec as P
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.mesh import DATA, TRIAL
+from hitmdp_jax.training import processes
 from hitmdp_jax.training.program import Hyperparameters, Init, Iterate, TrainState
 
 # Trainings that a CPU device runs side by side. More are no faster, and need memory for the
@@ -20,7 +21,10 @@ SIDE_BY_SIDE = 8
 
 
 def make_mesh(num_trainings: int, data_devices: int = 1) -> Mesh:
-    """Return the mesh [trial, data] of the devices that a run takes.
+    """Return the mesh [trial, data] of the devices that a run takes, of all processes the same.
+
+    As many trainings at once as keeps each device's number of them the least, and at least one
+    device of every process.
 
     Args:
       num_trainings: trainings, which share the `trial` axis.
@@ -36,8 +40,16 @@ def make_mesh(num_trainings: int, data_devices: int = 1) -> Mesh:
             f"data_devices = {data_devices} does not divide the {len(devices)} devices here; the "
             f"nearest number below that does is {near}."
         )
-    size = num_shards(num_trainings, len(devices) // data_devices) * data_devices
-    return Mesh(np.array(devices[:size]).reshape(-1, data_devices), (TRIAL, DATA))
+    count, rows = jax.process_count(), len(devices) // data_devices
+    least = min(num_trainings, -(-count // data_devices))
+    size = max(num_shards(num_trainings, rows), least) * data_devices
+    if size < count:
+        raise UsageError(
+            f"{count} processes are more than the {size} devices that the run takes; give "
+            f"seeds={count} or data_devices={count}, or start fewer."
+        )
+    spread_out = [devices[i * len(devices) // size] for i in range(size)]
+    return Mesh(np.array(spread_out).reshape(-1, data_devices), (TRIAL, DATA))
 
 
 def num_shards(num_trainings: int, num_devices: int) -> int:
@@ -84,7 +96,7 @@ def spread(init: Init, step: Iterate, mesh: Mesh) -> tuple[Init, Iterate]:
         return jax.jit(inits), jax.jit(steps)
     by_hand = {TRIAL} if mesh.shape[DATA] > 1 else {TRIAL, DATA}
 
-    def compiled(function: Callable[..., Any]) -> Any:
+    def compiled(function: Callable[..., Any], out: Any) -> Any:
         by_trial = jax.shard_map(
             function,
             mesh=mesh,
@@ -93,9 +105,11 @@ def spread(init: Init, step: Iterate, mesh: Mesh) -> tuple[Init, Iterate]:
             axis_names=by_hand,
             check_vma=False,
         )
-        return jax.jit(by_trial, in_shardings=_layout(mesh), out_shardings=_layout(mesh))
+        return jax.jit(by_trial, in_shardings=_layout(mesh), out_shardings=out)
 
-    return compiled(inits), compiled(steps)
+    # Each process reports, so to speak: metrics are whole in all of them.
+    told = NamedSharding(mesh, P()) if processes.several() else _layout(mesh)
+    return compiled(inits, _layout(mesh)), compiled(steps, (_layout(mesh), told))
 
 
 def place(tree: Any, mesh: Mesh) -> Any:
@@ -105,7 +119,21 @@ def place(tree: Any, mesh: Mesh) -> Any:
         missing = -len(x) % mesh.shape[TRIAL]
         return jnp.concatenate([x, *([x[-1:]] * missing)]) if missing else x
 
-    return jax.device_put(jax.tree.map(even, tree), _layout(mesh))
+    tree = jax.tree.map(even, tree)
+    if not processes.several():
+        return jax.device_put(tree, _layout(mesh))
+    return jax.tree.map(lambda x: _placed_by_all(x, mesh), tree)
+
+
+def _placed_by_all(x: Any, mesh: Mesh) -> jax.Array:
+    """Lay out an array that every process has, each its own part of it."""
+    if isinstance(x, jax.Array):
+        if not x.is_fully_addressable:
+            return x  # it came out of `spread`, laid out already
+        if jnp.issubdtype(x.dtype, jax.dtypes.prng_key):
+            return jax.random.wrap_key_data(_placed_by_all(jax.random.key_data(x), mesh))
+    whole = np.asarray(x)
+    return jax.make_array_from_callback(whole.shape, _layout(mesh), lambda part: whole[part])
 
 
 def _layout(mesh: Mesh) -> NamedSharding:

@@ -5,13 +5,15 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from brax.envs.base import Env
 from jax.sharding import Mesh
 
 from hitmdp_jax.agents import Agent
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.physics import find_engine
-from hitmdp_jax.training.checkpoint import Checkpoints, Progress
+from hitmdp_jax.training import processes
+from hitmdp_jax.training.checkpoint import Checkpoints, Progress, with_raw_keys
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.devices import make_mesh, place, spread
 from hitmdp_jax.training.program import (
@@ -42,7 +44,8 @@ class Run:
           UsageError: the devices here cannot be shared out as the settings say.
         """
         mesh = make_mesh(len(config.trainings), config.data_devices)
-        engine = find_engine(config.physics).shared(mesh.local_mesh.size)
+        here = sum(d.process_index == jax.process_index() for d in mesh.devices.flat)
+        engine = find_engine(config.physics).shared(here)
         envs = [make_env(**task, physics=engine) for task in config.tasks]
         return cls(config, config.make_agent(), mesh, envs)
 
@@ -107,9 +110,22 @@ class Run:
         return jax.tree.map(lambda x: x if len(x) == size else x[:size], tree)
 
     def saved(self, progress: Progress) -> Progress:
-        """Return what a checkpoint keeps of where the run stands."""
-        return dataclasses.replace(progress, state=self.own(progress.state))
+        """Return what a checkpoint keeps of where the run stands; all processes are needed."""
+        state = processes.gathered(progress.state, self.mesh)
+        return dataclasses.replace(progress, state=self.own(state))
 
     def restore(self, checkpoints: Checkpoints) -> Progress:
-        """Return where the newest readable checkpoint says the run stands."""
-        return checkpoints.restore(self.abstract_state)
+        """Return where the newest readable checkpoint, which the first process reads, says so."""
+        read: list[Progress] = []
+
+        def first() -> tuple[int, int]:
+            read.append(checkpoints.restore(self.abstract_state))
+            return read[0].iteration, read[0].task
+
+        iteration, task = processes.told(first)
+        if not processes.several():
+            return read[0]
+        like = jax.eval_shape(with_raw_keys, self.abstract_state(task))
+        blank = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), like)
+        state = processes.broadcast(with_raw_keys(read[0].state) if read else blank)  # pyright: ignore
+        return Progress(iteration, task, state.replace(key=jax.random.wrap_key_data(state.key)))
