@@ -51,7 +51,7 @@ def measure(algo: str, physics: str, seeds: int, seconds: float) -> dict[str, fl
     """Time whole iterations, then rollout and update apart, of one configuration."""
     config = settings(algo, physics, seeds)
     run = Run.create(config)
-    env, agent, devices = run.envs[0], run.agent, run.devices
+    env, agent = run.envs[0], run.agent
     init, step = run.programs(0)
 
     start = time.perf_counter()
@@ -68,7 +68,7 @@ def measure(algo: str, physics: str, seeds: int, seconds: float) -> dict[str, fl
         return (time.perf_counter() - start) / calls
 
     iteration = per_call(step, state)
-    rollout = per_call(spread(*rollout_program(agent, env, config), devices)[1], state)
+    rollout = per_call(spread(*rollout_program(agent, env, config), run.mesh)[1], state)
     steps = config.steps_per_iteration * seeds * config.iterations_per_report
     bare = native_speed(env.model, env.physics.frame_skip)  # pyright: ignore
     return {

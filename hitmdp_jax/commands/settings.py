@@ -24,7 +24,13 @@ from hitmdp_jax import plugins
 from hitmdp_jax.errors import UsageError, exit_with, out_of_domain, unknown_name
 from hitmdp_jax.training.config import RunConfig
 
-HOST_SETTINGS = ("resume", "run_dir", "overwrite", "report")  # of the command line, not of the run
+HOST_SETTINGS = (
+    "resume",
+    "run_dir",
+    "overwrite",
+    "report",
+    "distributed",
+)  # of the command line, not of the run
 OWN_GROUPS = ("env", "algo")  # whose choice may be path/to/file.py:Class
 OWN = "own"  # the choice that stands for it
 

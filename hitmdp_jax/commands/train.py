@@ -24,8 +24,10 @@ from hitmdp_jax.commands.settings import (
 from hitmdp_jax.commands.tensorboard import OptionFigures
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, exit_with, unknown_name
+from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import saved_iterations
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.devices import make_mesh
 from hitmdp_jax.training.folder import (
     RUNS,
     already_there,
@@ -37,7 +39,8 @@ from hitmdp_jax.training.folder import (
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import InterruptedRunError
 
-RESUMABLE = ("resume", "total_steps", "report")  # what may be set where a run is resumed
+CHANGEABLE = ("total_steps", "data_devices")  # settings that a resumed run may change
+RESUMABLE = ("resume", "report", "distributed", *CHANGEABLE)  # what may be set then
 MULTIRUN = ("-m", "--multirun")
 FLAGS = (*MULTIRUN, "-h", "--help", "--hydra-help", "--version", "--cfg=job", "--cfg=all", "--info")
 SHOWN = 10  # settings of a sweep, the best; sweep.csv has all
@@ -99,8 +102,10 @@ def _sweep_folder(settings: Settings) -> Path:
     jobs = [settings.values(job) for job in settings.jobs()]
     for values in jobs:
         run_config(values)
-        for flag in ("overwrite", "report"):
+        for flag in ("overwrite", "report", "distributed"):
             flag_setting(values, flag)
+        if values["distributed"]:
+            raise UsageError("distributed=true trains one run in several processes: leave -m out.")
         if values["resume"] is not None:
             raise UsageError("resume goes on with one run: leave -m out.")
     if len({str(values["run_dir"]) for values in jobs}) > 1:
@@ -109,6 +114,7 @@ def _sweep_folder(settings: Settings) -> Path:
     return made(folder_setting(jobs[0]) or default)
 
 
+@processes.ending_together()
 def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     """Train as the settings say; return the exit code.
 
@@ -122,9 +128,11 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     """
     run_dir, resume = folder_setting(values), folder_setting(values, "resume")
     overwrite, report = (flag_setting(values, name) for name in ("overwrite", "report"))
+    if flag_setting(values, "distributed"):
+        processes.join()
     if resume is not None:
         run_dir = newest() if str(resume) == "latest" else resume
-        config = _resumed(run_dir, names, values["total_steps"])
+        config = _resumed(run_dir, names, values)
     else:
         config = run_config(values)
         find_engine(config.physics).check()
@@ -134,22 +142,25 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
             check_filming(config)
         if go_on and run_dir is not None and already_there(run_dir, config):
             resume = run_dir
-        else:
-            run_dir = claim(run_dir, config, overwrite)
+    set_up_host(config.physics, config.num_envs, len(config.trainings), config.data_devices)
+    make_mesh(len(config.trainings), config.data_devices)  # or say why not, before a folder is made
+    processes.check_same("settings", config.to_yaml())
+    if resume is None:
+        run_dir = Path(processes.told(lambda: str(claim(run_dir, config, overwrite))))
     assert run_dir is not None
-    if resume is not None and is_finished(run_dir, config):
+    if resume is not None and processes.told(lambda: is_finished(run_dir, config)):
         print(
             f"{run_dir} is finished: {config.env_steps:,} env steps. A larger total_steps goes on."
         )
         return 0
-    return _run(config, run_dir, bool(resume and saved_iterations(run_dir)), report)
+    begun = resume is not None and processes.told(lambda: bool(saved_iterations(run_dir)))
+    return _run(config, run_dir, begun, report)
 
 
 def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
     """Train, draw what was learned, report it and say how it ended."""
     from hitmdp_jax.training import loop
 
-    set_up_host(config.physics, config.num_envs, len(config.trainings))
     hooks: list[loop.Hook] = [OptionFigures(config, run_dir)]
     if config.video_every:
         from hitmdp_jax.commands.video import Videos
@@ -164,6 +175,8 @@ def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
     except InterruptedRunError as stop:
         print(f"Stopped before the first iteration; nothing to save in {run_dir}.", flush=True)
         os._exit(128 + stop.signum)  # the compiler's thread cannot be stopped otherwise
+    if not processes.is_first():
+        return 128 + outcome.signum if outcome.signum else DIVERGED if outcome.diverged else 0
     where = f"Stopped at {outcome.env_steps:,} env steps, saved"
     print(f"{where if outcome.signum else 'Saved'} in {run_dir}.")
     if outcome.failure:
@@ -199,27 +212,26 @@ def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
     return DIVERGED if outcome.diverged else 0
 
 
-def _resumed(run_dir: Path, names: list[str], total_steps: Any) -> RunConfig:
+def _resumed(run_dir: Path, names: list[str], values: dict[str, Any]) -> RunConfig:
     """Return the settings a resumed run goes on with."""
     for name in names:
         if name not in RESUMABLE and not name.startswith("hydra"):
             raise UsageError(
-                f"resume={run_dir} goes on with the run's own settings; only total_steps can be "
-                f"changed, not '{name}'."
+                f"resume={run_dir} goes on with the run's own settings; only "
+                f"{' and '.join(CHANGEABLE)} can be changed, not '{name}'."
             )
     config = RunConfig.load(run_dir)
     if config.env is None:
         raise UsageError(f"'{run_dir}' was saved from Python and names no task to go on with.")
-    if "total_steps" not in names:
-        return config
-    changed = RunConfig.from_mapping(config.to_dict() | {"total_steps": total_steps})
+    changes = {name: values[name] for name in CHANGEABLE if name in names}
+    changed = RunConfig.from_mapping(config.to_dict() | changes)
     if config.second_env is not None and changed.iterations != config.iterations:
         raise UsageError(
             f"'{run_dir}' is a transfer, whose total_steps = {config.total_steps:,} say when it "
             "goes over to its second task; they cannot be changed."
         )
     done = max(saved_iterations(run_dir), default=0)
-    if changed.iterations < done:
+    if "total_steps" in names and changed.iterations < done:
         raise UsageError(
             f"total_steps = {changed.total_steps:,} is less than the "
             f"{changed.steps_after(done):,} that '{run_dir}' has done."

@@ -6,6 +6,7 @@ from brax.envs.base import Env, State
 from flax import struct
 
 from hitmdp_jax.envs.action_repeat import EPISODE_LENGTH, steps_taken
+from hitmdp_jax.mesh import each_device, on_every_device
 
 # Initial states computed together. Hundreds at once can block XLA's threads: see `set_up_host`.
 RESET_CHUNK = 32
@@ -70,7 +71,7 @@ class VectorEnv:
     def reset(self, key: jax.Array) -> VectorState:
         """Start every environment."""
         key_env, key_pool, key_clock = jax.random.split(key, 3)
-        states = jax.vmap(self.env.reset)(jax.random.split(key_env, self.num_envs))
+        states = each_device(jax.vmap(self.env.reset), jax.random.split(key_env, self.num_envs))
         zeros = jnp.zeros(self.num_envs)
         clock = jax.random.randint(key_clock, (self.num_envs,), 0, self.episode_length)
         return VectorState(
@@ -88,7 +89,7 @@ class VectorEnv:
 
     def step(self, state: VectorState, action: jax.Array) -> tuple[VectorState, Step]:
         """Step every environment under `action` [B, A]; restart those whose episode ended."""
-        env = jax.vmap(self.env.step)(state.env, action)
+        env = each_device(jax.vmap(self.env.step), state.env, action)
         taken = steps_taken(state.env, env)
         clock = state.clock + taken
         length = state.episode_length + taken
@@ -107,7 +108,9 @@ class VectorEnv:
             finished=ended & (clock == length),
             metrics=env.metrics,
         )
-        fresh_index = (state.next_fresh + jnp.cumsum(ended) - 1) % self.pool_size
+        # Its place among those that ended in this step: summed up once they are all there.
+        place = on_every_device(jnp.cumsum(on_every_device(ended)))
+        fresh_index = (state.next_fresh + place - 1) % self.pool_size
 
         def restart(fresh: jax.Array, running: jax.Array) -> jax.Array:
             mask = ended.reshape(-1, *([1] * (running.ndim - 1)))
@@ -118,10 +121,13 @@ class VectorEnv:
             clock=jnp.where(ended, 0, clock),
             episode_return=jnp.where(ended, 0.0, episode_return),
             episode_length=jnp.where(ended, 0, length),
-            next_fresh=(state.next_fresh + ended.sum()) % self.pool_size,
+            next_fresh=(state.next_fresh + place[-1]) % self.pool_size,
         )
         return state, step
 
     def _fresh(self, key: jax.Array) -> State:
-        keys = jax.random.split(key, self.pool_size)
-        return jax.lax.map(self.env.reset, keys, batch_size=min(RESET_CHUNK, self.pool_size))
+        def resets(keys: jax.Array) -> State:
+            return jax.lax.map(self.env.reset, keys, batch_size=min(RESET_CHUNK, len(keys)))
+
+        pool = each_device(resets, jax.random.split(key, self.pool_size))
+        return on_every_device(pool)  # any environment may restart from any of it

@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import optax
 
+from hitmdp_jax.mesh import over_data
+
 Loss = Callable[[Any, Any], tuple[jax.Array, dict[str, jax.Array]]]
 
 
@@ -66,7 +68,8 @@ def minibatch_epochs(
     def epoch(carry: tuple[Any, Any], key: jax.Array):
         order = jax.random.permutation(key, num_samples).reshape(-1, minibatch_size)
         # One gather an epoch: minibatches are slices of what it has laid out.
-        return jax.lax.scan(step, carry, jax.tree.map(lambda x: x[order], data))
+        minibatches = over_data(jax.tree.map(lambda x: x[order], data), axis=1)
+        return jax.lax.scan(step, carry, minibatches)
 
     (params, opt_state), diagnostics = jax.lax.scan(
         epoch, (params, opt_state), jax.random.split(key, num_epochs)

@@ -16,6 +16,7 @@ from brax.training.acme.running_statistics import NestedMeanStd
 from orbax.checkpoint import checkpoint_managers as managers
 
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training import processes
 from hitmdp_jax.training.program import TrainState
 
 SCHEMA = 1  # of a checkpoint; raised where an older package would misread it
@@ -51,10 +52,14 @@ class Checkpoints:
     def __init__(self, run_dir: Path, read_only: bool = False):
         self.folder = (run_dir / "checkpoints").absolute()
         best = managers.BestN(get_metric_fn=_score, n=1, keep_checkpoints_without_metrics=False)
+        here = jax.process_index()  # which alone reads and writes, however many train together
         options = ocp.CheckpointManagerOptions(
             preservation_policy=managers.AnyPreservationPolicy([managers.LatestN(KEPT), best]),
-            create=not read_only,  # Orbax's own read_only warns at every reading
+            create=False,  # Orbax's own read_only warns at every reading
+            multiprocessing_options=ocp.options.MultiprocessingOptions(here, {here}, "alone"),
         )
+        if not read_only:
+            self.folder.mkdir(parents=True, exist_ok=True)
         if read_only and not self.folder.is_dir():
             raise UsageError(f"'{self.folder}' holds no checkpoint.")
         handlers = {
@@ -93,8 +98,8 @@ class Checkpoints:
         }
         items = ocp.args.Composite(
             **{
-                STATE: ocp.args.StandardSave(_with_raw_keys(state)),  # pyright: ignore
-                POLICY: ocp.args.StandardSave(policy),  # pyright: ignore
+                STATE: ocp.args.StandardSave(_savable(with_raw_keys(state))),  # pyright: ignore
+                POLICY: ocp.args.StandardSave(_savable(policy)),  # pyright: ignore
                 PROGRESS: ocp.args.JsonSave(words),  # pyright: ignore
             }
         )
@@ -142,7 +147,7 @@ class Checkpoints:
 
         def read(iteration: int) -> Progress:
             words = self._words(iteration)
-            raw = self._read(iteration, STATE, jax.eval_shape(_with_raw_keys, like(words["task"])))
+            raw = self._read(iteration, STATE, jax.eval_shape(with_raw_keys, like(words["task"])))
             state = raw.replace(key=jax.random.wrap_key_data(raw.key))
             return Progress(iteration, words["task"], state)
 
@@ -246,6 +251,23 @@ class Checkpoints:
             self.failure = reason[0]
 
 
+class CheckpointsElsewhere(Checkpoints):
+    """The checkpoints of a run that another process writes."""
+
+    def __init__(self) -> None:
+        self.failure = None
+
+    def due(self) -> bool:
+        """Return False: the process that writes has the clock."""
+        return False
+
+    def save(self, progress: Progress, recent_return: float = math.nan) -> None:
+        """Save nothing."""
+
+    def close(self) -> None:
+        """Wait for nothing."""
+
+
 def saved_iterations(run_dir: Path) -> list[int]:
     """Return the iterations whose checkpoints a run's folder holds, without reading them."""
     folder = run_dir / "checkpoints"
@@ -264,12 +286,24 @@ def normalizer_of(policy: dict[str, Any]) -> NestedMeanStd:
     return NestedMeanStd(mean=policy["mean"], std=policy["std"])
 
 
-def _with_raw_keys(state: TrainState) -> TrainState:
+def with_raw_keys(state: TrainState) -> TrainState:
+    """Return a state whose key is its raw numbers, as a checkpoint holds it."""
     return state.replace(key=jax.random.key_data(state.key))
 
 
+def _savable(tree: Any) -> Any:
+    """Return arrays as Orbax takes them: of one of several processes in NumPy, by name.
+
+    Of JAX's own it wants the parts that every process has; and Brax's counter is JAX's in whatever
+    it is put back together from.
+    """
+    if not processes.several():
+        return tree
+    return jax.tree.map(np.asarray, ocp.tree.serialize_tree(tree, keep_empty_nodes=True))
+
+
 def _size(state: TrainState) -> int:
-    return sum(x.nbytes for x in jax.tree.leaves(_with_raw_keys(state)))
+    return sum(x.nbytes for x in jax.tree.leaves(with_raw_keys(state)))
 
 
 def _finite(tree: Any) -> bool:

@@ -29,6 +29,7 @@ WHOLE = {  # name -> the least value
     "total_steps": 1,
     "num_envs": 1,
     "rollout_length": 1,
+    "data_devices": 1,
     "checkpoint_steps": 1,
     "eval_every": 0,
     "eval_episodes": 1,
@@ -36,7 +37,14 @@ WHOLE = {  # name -> the least value
     "seed": 0,
 }
 WANDB = ("off", "program", "seed")
-BESIDE_THE_POINT = ("checkpoint_steps", "eval_every", "eval_episodes", "video_every", "wandb")
+BESIDE_THE_POINT = (
+    "data_devices",
+    "checkpoint_steps",
+    "eval_every",
+    "eval_episodes",
+    "video_every",
+    "wandb",
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,6 +63,7 @@ class RunConfig:
     total_steps: int = 1_000_000
     num_envs: int = 16
     rollout_length: int = 128
+    data_devices: int = 1
     checkpoint_steps: int = 250_000
     eval_every: int = 0
     eval_episodes: int = 20
@@ -92,6 +101,7 @@ class RunConfig:
         config = cls(**values)
         if config.seed + config.seeds > 2**32:
             raise out_of_domain("seed", config.seed, "a whole number below 2^32 - seeds")
+        _check_division(config.num_envs, config.data_devices)
         engine = find_engine(config.physics)
         for task in config.tasks:
             check_env(**task)
@@ -264,6 +274,15 @@ class RunConfig:
             return cls.from_mapping(settings)
         except UsageError as error:
             raise UsageError(f"'{path}' does not fit: {error}") from None
+
+
+def _check_division(num_envs: int, data_devices: int) -> None:
+    if num_envs % data_devices:
+        near = max(d for d in range(1, data_devices + 1) if num_envs % d == 0)
+        raise UsageError(
+            f"num_envs = {num_envs} is not divisible by data_devices = {data_devices}; the nearest "
+            f"number below that divides it is {near}."
+        )
 
 
 def whole_number(name: str, value: Any, at_least: int) -> int:

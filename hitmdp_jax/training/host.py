@@ -14,13 +14,13 @@ CACHE = Path.home() / ".cache" / "hitmdp_jax"
 THREADS_PER_CORE = 4
 
 
-def set_up_host(physics: str, num_envs: int, trainings: int = 1) -> None:
+def set_up_host(physics: str, num_envs: int, trainings: int = 1, data_devices: int = 1) -> None:
     """Present the cores as devices, keep what is compiled, and make sure that nothing hangs.
 
     `NPROC` is how many cores XLA believes in, which is how many threads each program spreads its
     operations over. Those of a training are so small that handing them over takes longer than doing
-    them: a device has one thread, and one training one device, which makes it a fifth to a third
-    faster than on all cores.
+    them: a device has one thread, and one training one device unless more are asked for, which
+    makes it a fifth to a third faster than on all cores.
 
     In jaxlib 0.10 a large batch of Cholesky factorisations, of which MJX's solver consists, blocks
     a thread of XLA's pool until other threads have done its work, and as many of these at once as
@@ -30,13 +30,15 @@ def set_up_host(physics: str, num_envs: int, trainings: int = 1) -> None:
       physics: the engine, which knows how many rows are safe (`Engine.safe_rows`).
       num_envs: environments of each training, stepped side by side.
       trainings: trainings, spread over the cores.
+      data_devices: devices that share the environments of a training.
     """
     cores = available_cores()
-    devices = num_shards(trainings, cores)
+    shards = num_shards(trainings, max(1, cores // data_devices))
+    devices = shards * data_devices
     jax.config.update("jax_num_cpu_devices", devices)
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         jax.config.update("jax_compilation_cache_dir", str(CACHE))
-    rows = max(num_envs, RESET_CHUNK) * -(-trainings // devices)
+    rows = max(num_envs // data_devices, RESET_CHUNK) * -(-trainings // shards)
     safe = find_engine(physics).safe_rows
     unsafe = safe is not None and rows > safe
     os.environ.setdefault("NPROC", str(THREADS_PER_CORE * cores if unsafe else devices))

@@ -16,7 +16,8 @@ from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.envs.physics import NativeEngine
 from hitmdp_jax.envs.physics.speed import native_speed
 from hitmdp_jax.learning.metrics import Metrics
-from hitmdp_jax.training.checkpoint import Checkpoints, Progress
+from hitmdp_jax.training import processes
+from hitmdp_jax.training.checkpoint import Checkpoints, CheckpointsElsewhere, Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import CONFIG, locked
 from hitmdp_jax.training.interrupt import StopRequest
@@ -69,7 +70,8 @@ def run(
 
     The device is always one report ahead of the host: while metrics are written and shown, the next
     iterations run already. A transfer trains on its second task where the first ended. A signal
-    ends the run after the iteration in progress, saved like a finished one.
+    ends the run after the iteration in progress, saved like a finished one; where several processes
+    train together, after the next one of all. The first process alone writes.
 
     Args:
       config: validated settings.
@@ -78,17 +80,22 @@ def run(
       hooks: what else to do every so often.
     """
     with ExitStack() as stack:
-        stack.enter_context(locked(run_dir))
+        writes = processes.is_first()
+        processes.told(lambda: stack.enter_context(locked(run_dir)))
         stop = stack.enter_context(StopRequest())
         for hook in hooks:
             stack.callback(hook.close, stop)
         run = Run.create(config)
-        checkpoints = Checkpoints(run_dir)
+        checkpoints = Checkpoints(run_dir) if writes else CheckpointsElsewhere()
         stack.callback(checkpoints.close)
+        agreement = processes.Agreement(stop, checkpoints.due, run.mesh)
         progress = run.restore(checkpoints) if resume else Progress(0, 0, None)
-        _write_settings(config, run_dir)
-        terminal = TerminalSink(config.env_steps, config.steps_after(progress.iteration))
-        sinks = Sinks(*open_sinks(config, run_dir, progress.iteration), terminal)
+        done = config.steps_after(progress.iteration)
+        terminal = TerminalSink(config.env_steps, done, quiet=not writes)
+        sinks = Sinks(terminal)
+        if writes:
+            _write_settings(config, run_dir)
+            sinks = Sinks(*open_sinks(config, run_dir, progress.iteration), terminal)
         stack.callback(sinks.close)
         terminal.message(title(run))
         reporter = Reporter(run, sinks, hooks)
@@ -96,13 +103,16 @@ def run(
             with terminal.compiling():
                 step = stop.wait_for(lambda: prepare(run, task, progress))  # noqa: B023
             try:
-                iterate(run, progress, step, stop, reporter, checkpoints)
-            finally:  # an error in the middle of a report must not cost what was learned
-                checkpoints.save(run.saved(progress), reporter.recent_return)
-            if stop.requested:
+                iterate(run, progress, step, agreement, reporter, checkpoints)
+            except BaseException:  # an error in a report must not cost what was learned
+                if not processes.several():  # of which one alone has a part
+                    checkpoints.save(run.saved(progress), reporter.recent_return)
+                raise
+            checkpoints.save(run.saved(progress), reporter.recent_return)
+            if agreement.signum:
                 break
         checkpoints.close()
-        return outcome(run, progress, stop, checkpoints)
+        return outcome(run, progress, agreement.signum, checkpoints)
 
 
 def prepare(run: Run, task: int, progress: Progress) -> Iterate:
@@ -116,20 +126,21 @@ def iterate(
     run: Run,
     progress: Progress,
     step: Iterate,
-    stop: StopRequest,
+    agreement: processes.Agreement,
     reporter: "Reporter",
     checkpoints: Checkpoints,
 ) -> None:
-    """Train on a task to its end, or until asked to stop."""
+    """Train on a task to its end, or until all agree to stop."""
     config = run.config
     last = (progress.task + 1) * config.iterations
     per_checkpoint = config.iterations_in(config.checkpoint_steps)
-    while progress.iteration < last and not stop.requested:
+    while progress.iteration < last and not agreement.signum:
         assert progress.state is not None
         progress.state, metrics = step(progress.state)
         progress.iteration += config.iterations_per_report
+        agreement.ask()
         reporter.take(progress, metrics)
-        if progress.iteration % per_checkpoint == 0 or checkpoints.due():
+        if progress.iteration % per_checkpoint == 0 or agreement.save:
             reporter.flush()  # first the row, then the checkpoint that says it is there
             reporter.sinks.flush()
             checkpoints.save(run.saved(progress), reporter.recent_return)
@@ -160,7 +171,9 @@ class Reporter:
         for hook in self._hooks:
             extra |= dict.fromkeys(hook.names, np.full(len(config.trainings), np.nan))
             if progress.iteration % config.iterations_in(hook.every) == 0:
-                extra |= hook(self._run, progress)
+                learned = self._run.saved(progress)  # which takes all processes
+                if processes.is_first():
+                    extra |= hook(self._run, learned)
         self._pending = progress.iteration, metrics | extra
 
     def flush(self) -> None:
@@ -180,15 +193,15 @@ class Reporter:
         self.sinks.write(iteration, config.steps_after(iteration), values)
 
 
-def outcome(run: Run, progress: Progress, stop: StopRequest, checkpoints: Checkpoints) -> Outcome:
+def outcome(run: Run, progress: Progress, signum: int | None, checkpoints: Checkpoints) -> Outcome:
     """Return how the run ended."""
-    state, config = progress.state, run.config
+    state, config = run.saved(progress).state, run.config
     assert isinstance(state, TrainState)
     at, cause = jax.device_get((state.diverged, state.cause))
     return Outcome(
         env_steps=config.steps_after(progress.iteration),
         finished=progress.iteration >= config.last_iteration,
-        signum=stop.signum,
+        signum=signum,
         diverged={
             training: (int(at[i]), CAUSES[int(cause[i])])
             for i, training in enumerate(config.trainings)
@@ -200,11 +213,12 @@ def outcome(run: Run, progress: Progress, stop: StopRequest, checkpoints: Checkp
 
 def title(run: Run) -> str:
     """Return the line that says what runs, and where something would be faster."""
-    config, env, devices = run.config, run.envs[0], run.devices
+    config, env, devices = run.config, run.envs[0], run.mesh.devices.ravel()
     on_cpu = devices[0].platform == "cpu"
     parts = [
         config.title,
-        f"physics {env.backend} on {len(devices)} × {'CPU' if on_cpu else devices[0].device_kind}",
+        f"physics {env.backend} on {len(devices)} × {'CPU' if on_cpu else devices[0].device_kind}"
+        + (f" in {jax.process_count()} processes" if processes.several() else ""),
         f"{config.num_envs} envs × {config.seeds} seeds"
         + (f" × {len(config.settings)} settings" if config.sweep else ""),
     ]

@@ -5,14 +5,17 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from brax.envs.base import Env
+from jax.sharding import Mesh
 
 from hitmdp_jax.agents import Agent
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.physics import find_engine
-from hitmdp_jax.training.checkpoint import Checkpoints, Progress
+from hitmdp_jax.training import processes
+from hitmdp_jax.training.checkpoint import Checkpoints, Progress, with_raw_keys
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.devices import Device, devices_for, place, spread
+from hitmdp_jax.training.devices import make_mesh, place, spread
 from hitmdp_jax.training.program import (
     Hyperparameters,
     Init,
@@ -30,16 +33,21 @@ class Run:
 
     config: RunConfig
     agent: Agent
-    devices: list[Device]  # which share the trainings
+    mesh: Mesh  # of the devices that share the trainings and their environments
     envs: list[Env]  # one a task
 
     @classmethod
     def create(cls, config: RunConfig) -> "Run":
-        """Make the tasks and the agent; the engine shares its cores out among the devices."""
-        devices = devices_for(len(config.trainings))
-        engine = find_engine(config.physics).shared(len(devices))
+        """Make the tasks and the agent; the engine shares its cores out among the devices.
+
+        Raises:
+          UsageError: the devices here cannot be shared out as the settings say.
+        """
+        mesh = make_mesh(len(config.trainings), config.data_devices)
+        here = sum(d.process_index == jax.process_index() for d in mesh.devices.flat)
+        engine = find_engine(config.physics).shared(here)
         envs = [make_env(**task, physics=engine) for task in config.tasks]
-        return cls(config, config.make_agent(), devices, envs)
+        return cls(config, config.make_agent(), mesh, envs)
 
     def program(self, task: int) -> tuple[Init, Iterate]:
         """Return init and step of one training on a task; a step is one report's iterations."""
@@ -55,7 +63,7 @@ class Run:
 
     def programs(self, task: int) -> tuple[Init, Iterate]:
         """Return init and step of all trainings on a task, ready to compile."""
-        return spread(*self.program(task), self.devices)
+        return spread(*self.program(task), self.mesh)
 
     def keys(self) -> jax.Array:
         """Return the trainings' keys [R]: a seed's is the same alone, in company and in a sweep."""
@@ -81,15 +89,15 @@ class Run:
         """
         state = progress.state
         if state is None:
-            state = init(*place((self.keys(), self.hyperparameters()), self.devices))
+            state = init(*place((self.keys(), self.hyperparameters()), self.mesh))
         elif progress.task != task:
-            state = place(state, self.devices)
+            state = place(state, self.mesh)
             # The run's own key goes on splitting; another task's start must not repeat what it
             # gives.
             keys = jax.vmap(jax.random.fold_in, in_axes=(0, None))(state.key, task)
             state = transfer(state, init(keys, state.hyperparameters))
         # Laid out alike, fresh or restored: the program is one, and is compiled once for both.
-        return place(state, self.devices)
+        return place(state, self.mesh)
 
     def abstract_state(self, task: int) -> TrainState:
         """Return the shapes and types of the state [R, ...] while the run is on a task."""
@@ -102,9 +110,22 @@ class Run:
         return jax.tree.map(lambda x: x if len(x) == size else x[:size], tree)
 
     def saved(self, progress: Progress) -> Progress:
-        """Return what a checkpoint keeps of where the run stands."""
-        return dataclasses.replace(progress, state=self.own(progress.state))
+        """Return what a checkpoint keeps of where the run stands; all processes are needed."""
+        state = processes.gathered(progress.state, self.mesh)
+        return dataclasses.replace(progress, state=self.own(state))
 
     def restore(self, checkpoints: Checkpoints) -> Progress:
-        """Return where the newest readable checkpoint says the run stands."""
-        return checkpoints.restore(self.abstract_state)
+        """Return where the newest readable checkpoint, which the first process reads, says so."""
+        read: list[Progress] = []
+
+        def first() -> tuple[int, int]:
+            read.append(checkpoints.restore(self.abstract_state))
+            return read[0].iteration, read[0].task
+
+        iteration, task = processes.told(first)
+        if not processes.several():
+            return read[0]
+        like = jax.eval_shape(with_raw_keys, self.abstract_state(task))
+        blank = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), like)
+        state = processes.broadcast(with_raw_keys(read[0].state) if read else blank)  # pyright: ignore
+        return Progress(iteration, task, state.replace(key=jax.random.wrap_key_data(state.key)))

@@ -54,7 +54,8 @@ def command(variables, tmp_path_factory):
     programs, known = Run.programs, {}
 
     def shared(run, task):
-        beside = dict.fromkeys(("seed", "total_steps", *BESIDE_THE_POINT), 1)
+        beside = {"seed", "total_steps", *BESIDE_THE_POINT} - {"data_devices"}
+        beside = dict.fromkeys(beside, 1)
         compiled = str(dataclasses.replace(run.config, **beside)), task
         return known.get(compiled) or known.setdefault(compiled, programs(run, task))
 

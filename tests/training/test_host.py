@@ -39,14 +39,14 @@ def test_large_batches_of_factorisations_do_not_hang():
     assert int(out.stdout) == available_cores()
 
 
-@pytest.mark.parametrize("trainings", [1, 2])
-def test_no_more_devices_and_threads_than_trainings(trainings):
+@pytest.mark.parametrize(("trainings", "data"), [(1, 1), (2, 1), (1, 2), (3, 2)])
+def test_no_more_devices_and_threads_than_trainings_take(trainings, data):
     code = (
         "import jax, os; from hitmdp_jax.training.host import set_up_host;"
-        f"set_up_host('native', 16, {trainings}); "
+        f"set_up_host('native', 16, {trainings}, {data}); "
         "print(len(jax.local_devices()), os.environ['NPROC'])"
     )
-    expected = min(trainings, available_cores())
+    expected = data * min(trainings, max(1, available_cores() // data))
     assert run([sys.executable, "-c", code]).stdout.split() == [str(expected)] * 2
 
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hitmdp_jax.training import loop
+from hitmdp_jax.training import loop, processes
 from hitmdp_jax.training.checkpoint import Progress, saved_iterations
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.run import Run
@@ -138,7 +138,7 @@ def trained(prepared, monkeypatch, tmp_path):
 
     def prepare(run, task, progress):
         saved = progress.state
-        progress.state = first if saved is None else jax.device_put(saved, run.devices[0])
+        progress.state = first if saved is None else jax.device_put(saved, run.mesh.devices[0, 0])
         return step
 
     def run(*hooks, **arguments):
@@ -208,9 +208,11 @@ def test_a_checkpoint_is_written_after_the_rows_before_it(prepared, reporter, si
     def save(progress, recent_return):
         saved.append((progress.iteration, recent_return, list(sink.rows)))
 
-    checkpoints = types.SimpleNamespace(due=lambda: progress.iteration == 2, save=save)
-    progress, stop = Progress(0, 0, state), types.SimpleNamespace(requested=False)
-    loop.iterate(made._run, progress, step, stop, made, checkpoints)  # type: ignore
+    checkpoints = types.SimpleNamespace(save=save)
+    progress, stop = Progress(0, 0, state), types.SimpleNamespace(signum=None)
+    due, mesh = lambda: progress.iteration == 2, Run.create(CONFIG).mesh
+    agreement = processes.Agreement(stop, due, mesh)  # type: ignore
+    loop.iterate(made._run, progress, step, agreement, made, checkpoints)  # type: ignore
     assert progress.iteration == 4
     ((iteration, recent_return, rows),) = saved
     assert (iteration, rows) == (2, [1, 2, "flushed"])

@@ -71,9 +71,9 @@ def test_a_seed_gets_the_same_key_alone_and_in_company(run):
 
 
 def test_seeds_lie_on_the_devices_they_share(run, first):
-    assert len(run.devices) == 2
-    assert first.iteration.sharding.device_set == set(run.devices)
-    assert len(create(seeds=1).devices) == 1
+    assert run.mesh.size == 2
+    assert first.iteration.sharding.device_set == set(run.mesh.devices.flat)
+    assert len(create(seeds=1).mesh.devices) == 1
 
 
 def test_a_run_starts_from_its_keys_and_goes_on_where_it_was(run, inits, first):

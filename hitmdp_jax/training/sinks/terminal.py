@@ -27,12 +27,13 @@ class TerminalSink:
     Args:
       total_steps: environment steps of one seed.
       done_steps: of these, how many an earlier process did.
+      quiet: show nothing.
     """
 
     name = "the terminal"
 
-    def __init__(self, total_steps: int, done_steps: int = 0):
-        self._console = Console(highlight=False, soft_wrap=True)
+    def __init__(self, total_steps: int, done_steps: int = 0, quiet: bool = False):
+        self._console = Console(highlight=False, soft_wrap=True, quiet=quiet)
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=None),

@@ -1,0 +1,255 @@
+"""What an accelerator makes of it: `python -m benchmarks.gpu` (extra `warp` for its rows).
+
+Environment steps a second of the physics alone, whole trainings of one seed and of many with the
+time to their first update, Brax's PPO on the same card, and whether the same seed gives the same
+run. Each row runs in a process of its own, on the first card, or on whatever device JAX finds:
+small sizes try it on a CPU.
+"""
+
+import argparse
+import dataclasses
+import hashlib
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
+import hitmdp_jax
+from hitmdp_jax.commands.settings import Settings
+from hitmdp_jax.training.checkpoint import Progress
+from hitmdp_jax.training.host import set_up_host
+from hitmdp_jax.training.run import Run
+
+BRAX = {"invertedpendulum": "inverted_pendulum"}  # tasks that Brax names otherwise
+ENVS = (1024, 2048, 4096, 8192, 16384, 32768)
+SEEDS = (1, 10, 100)
+DETERMINISM = "--xla_gpu_deterministic_ops=true"  # of XLA; it says nothing to other devices
+
+Figures = dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Size:
+    """How large a training is: environments of each seed, steps an update, samples a minibatch."""
+
+    num_envs: int
+    rollout_length: int
+    minibatch_size: int
+
+    def settings(self, env: str, algo: str, physics: str, seeds: int) -> list[str]:
+        """Return the settings of a run of ours."""
+        sizes = (f"num_envs={self.num_envs}", f"rollout_length={self.rollout_length}")
+        minibatch = f"algo.minibatch_size={self.minibatch_size}"
+        return [
+            f"env={env}",
+            f"algo={algo}",
+            f"physics={physics}",
+            f"seeds={seeds}",
+            *sizes,
+            minibatch,
+        ]
+
+
+def per_call(function: Callable[..., Any], argument: Any, seconds: float) -> float:
+    """Return the seconds that a compiled step takes, each on what the one before returned."""
+    start, calls = time.perf_counter(), 0
+    while time.perf_counter() - start < seconds:
+        argument = jax.block_until_ready(function(argument))
+        calls += 1
+    return (time.perf_counter() - start) / calls
+
+
+def env_steps(name: str, physics: str, num_envs: int, seconds: float, length: int = 16) -> Figures:
+    """Time random actions in environments side by side, without resets."""
+    env = hitmdp_jax.make_env(name, physics=physics)
+
+    @jax.jit
+    def steps(carry):
+        def step(carry, _):
+            state, key = carry
+            key, key_action = jax.random.split(key)
+            action = jax.random.uniform(key_action, (num_envs, env.action_size), minval=-1.0)
+            return (jax.vmap(env.step)(state, action), key), None
+
+        return jax.lax.scan(step, carry, length=length)[0]
+
+    keys = jax.random.split(jax.random.key(0), num_envs)
+    start = time.perf_counter()
+    carry = jax.jit(jax.vmap(env.reset))(keys), jax.random.key(1)
+    carry = jax.block_until_ready(steps(carry))
+    compiled = time.perf_counter() - start
+    return {
+        "steps_per_second": num_envs * length / per_call(steps, carry, seconds),
+        "first_update_s": compiled,
+    }
+
+
+def training(env: str, algo: str, physics: str, seeds: int, size: Size, seconds: float) -> Figures:
+    """Time whole iterations; all seeds are one program on one device."""
+    start = time.perf_counter()
+    run, step, state = _begun(env, algo, physics, seeds, size)
+    state = jax.block_until_ready(step(state)[0])
+    first = time.perf_counter() - start
+    steps = run.config.steps_per_iteration * run.config.iterations_per_report * seeds
+    return {
+        "steps_per_second": steps / per_call(lambda s: step(s)[0], state, seconds),
+        "first_update_s": first,
+    }
+
+
+def _begun(env: str, algo: str, physics: str, seeds: int, size: Size) -> tuple[Run, Any, Any]:
+    run = Run.create(Settings(size.settings(env, algo, physics, seeds)).config())
+    init, step = run.programs(0)
+    return run, step, run.begin(0, Progress(0, 0, None), init)
+
+
+def learned(env: str, algo: str, physics: str, size: Size, iterations: int = 3) -> Figures:
+    """Train a seed; return what tells its parameters apart to the last bit."""
+    _, step, state = _begun(env, algo, physics, 1, size)
+    for _ in range(iterations):
+        state, _ = step(state)
+    content = b"".join(x.tobytes() for x in jax.device_get(jax.tree.leaves(state.learner.params)))
+    return {"learned": hashlib.sha256(content).hexdigest()}
+
+
+def brax_ppo(env: str, size: Size, seconds: float) -> Figures:
+    """Train Brax's PPO on its own task of the same name, with MJX and the same batch and epochs."""
+    from brax import envs
+    from brax.training.agents.ppo import train as ppo
+
+    if not hasattr(jax, "device_put_replicated"):  # gone from jax 0.10; Brax 0.14 calls it
+        stacked = lambda x, n: np.broadcast_to(np.asarray(x), (n, *np.shape(x)))  # noqa: E731
+        jax.device_put_replicated = lambda tree, devices: jax.tree.map(  # pyright: ignore
+            lambda x: stacked(x, len(devices)), tree
+        )
+    start, times = time.perf_counter(), []
+    samples = size.num_envs * size.rollout_length
+
+    def progress(env_steps: int, _: Any) -> None:
+        times.append((time.perf_counter(), env_steps))
+
+    # Evaluations mark the time; they are of one short episode.
+    evaluations = 4
+    updates = max(1, round(seconds))
+    ppo.train(
+        envs.get_environment(BRAX.get(env, env), backend="mjx"),
+        num_timesteps=evaluations * updates * samples,
+        num_evals=evaluations + 1,
+        num_envs=size.num_envs,
+        unroll_length=size.rollout_length,
+        batch_size=max(1, size.minibatch_size // size.rollout_length),
+        num_minibatches=max(1, samples // size.minibatch_size),
+        num_updates_per_batch=10,
+        episode_length=1000,
+        num_eval_envs=1,
+        normalize_observations=True,
+        progress_fn=progress,
+    )
+    (first, begun), (last, ended) = times[1], times[-1]
+    return {
+        "steps_per_second": (ended - begun) / (last - first),
+        "first_update_s": first - start,
+    }
+
+
+def rows(options: argparse.Namespace) -> dict[str, list[Any]]:
+    """Return what is measured: the row's name -> a function's name and its arguments."""
+    size = [options.num_envs, options.rollout_length, options.minibatch_size]
+    engines = ["mjx", *(["warp"] if importlib.util.find_spec("warp") else [])]
+    found: dict[str, list[Any]] = {}
+    for physics in engines:
+        for number in options.envs:
+            name = f"{physics}, {number:,} environments, physics alone"
+            found[name] = ["env_steps", options.env, physics, number]
+    for physics in engines:
+        for algo in options.algos:
+            for seeds in options.seeds:
+                name = f"{algo} on {physics}, {seeds} seeds x {options.num_envs:,} environments"
+                found[name] = ["training", options.env, algo, physics, seeds, *size]
+    found[f"Brax PPO on mjx, {options.num_envs:,} environments"] = ["brax_ppo", options.env, *size]
+    name = "the same seed in two processes, deterministic"
+    found[name] = ["learned", options.env, options.algos[0], "mjx", *size]
+    return found
+
+
+def measure(kind: str, arguments: list[Any], seconds: float) -> Figures:
+    """Measure one row in this process."""
+    if kind == "env_steps":
+        env, physics, num_envs = arguments
+        set_up_host(physics, num_envs)
+        return env_steps(env, physics, num_envs, seconds)
+    env, *how, num_envs, length, minibatch = arguments
+    size = Size(num_envs, length, minibatch)
+    set_up_host("mjx", num_envs)
+    if kind == "brax_ppo":
+        return brax_ppo(env, size, seconds)
+    if kind == "learned":
+        algo, physics = how
+        return learned(env, algo, physics, size)
+    algo, physics, seeds = how
+    return training(env, algo, physics, seeds, size, seconds)
+
+
+def in_own_process(row: list[Any], seconds: float, cache: str) -> Figures | None:
+    """Measure a row as a fresh process sees it; None where it fails, which is told."""
+    environment = {"CUDA_VISIBLE_DEVICES": "0"} | os.environ  # one card
+    environment |= {"JAX_COMPILATION_CACHE_DIR": cache}
+    if row[0] == "learned":
+        flags = f"{os.environ.get('XLA_FLAGS', '')} {DETERMINISM}"
+        environment |= {"XLA_FLAGS": flags.strip()}
+    command = [sys.executable, "-m", "benchmarks.gpu", "--row", json.dumps(row)]
+    command += ["--seconds", str(seconds)]
+    out = subprocess.run(command, capture_output=True, text=True, env=environment)
+    if out.returncode:
+        print(f"{row}: {(out.stderr.splitlines() or ['failed'])[-1]}", file=sys.stderr)
+        return None
+    return json.loads(out.stdout.splitlines()[-1])
+
+
+def main() -> None:
+    """Print the table, or one row of it as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each figure")
+    parser.add_argument("--env", default="halfcheetah", help="the task")
+    parser.add_argument("--envs", type=int, nargs="*", default=ENVS, help="of the physics alone")
+    parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS, help="trained side by side")
+    parser.add_argument("--algos", nargs="+", default=["mopg", "ppo"], help="that are trained")
+    parser.add_argument("--num-envs", type=int, default=1024, help="of each seed in training")
+    parser.add_argument("--rollout-length", type=int, default=32, help="steps between two updates")
+    parser.add_argument("--minibatch-size", type=int, default=2048, help="samples a gradient step")
+    parser.add_argument("--row", help="measure one row in this process, as JSON")
+    options = parser.parse_args()
+    if options.row:
+        kind, *arguments = json.loads(options.row)
+        figures = measure(kind, arguments, options.seconds)
+        print(json.dumps(figures | {"device": jax.devices()[0].device_kind}))
+        return
+    print(
+        "| | env steps/s | first update, cold / warm cache (s) | device |\n"
+        "| --- | --- | --- | --- |"
+    )
+    with tempfile.TemporaryDirectory() as cache:
+        for name, row in rows(options).items():
+            cold = in_own_process(row, 0.1, cache)
+            warm = in_own_process(row, options.seconds, cache) if cold else None
+            if warm is None or cold is None:
+                print(f"| {name} | failed | | |", flush=True)
+            elif "learned" in warm:
+                both = cold["learned"] == warm["learned"]
+                print(f"| {name} | {'equal' if both else 'NOT equal'} | | {warm['device']} |")
+            else:
+                starts = f"{cold['first_update_s']:.0f} / {warm['first_update_s']:.0f}"
+                speed = f"{warm['steps_per_second']:,.0f}"
+                print(f"| {name} | {speed} | {starts} | {warm['device']} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,170 @@
+"""Two processes on this machine that train one run, as a user starts them by hand."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import jax
+import numpy as np
+import pytest
+
+from hitmdp_jax.training.checkpoint import Checkpoints, saved_iterations
+from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.run import Run
+from tests.commands.conftest import CHECKOUT, QUICK, command, rows_of, variables, wait_for_rows
+from tests.signals import signals_heard
+
+__all__ = ["command", "variables"]  # fixtures
+
+pytestmark = pytest.mark.timeout(300)
+LONG = ("total_steps=1e8", "checkpoint_steps=8192")
+
+
+@pytest.fixture
+def start_two(variables, tmp_path):
+    """Start `python -m hitmdp_jax.train distributed=true ...` twice, in folders of their own."""
+    started = []
+
+    def begin(*arguments, folder=tmp_path, **environment):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            address = f"127.0.0.1:{free.getsockname()[1]}"
+        common = {"JAX_COORDINATOR_ADDRESS": address, "JAX_NUM_PROCESSES": "2"} | environment
+        pair = []
+        for number in range(2):
+            here = folder / f"process_{number}"
+            here.mkdir(exist_ok=True)
+            with signals_heard():
+                pair.append(
+                    subprocess.Popen(
+                        [sys.executable, "-m", "hitmdp_jax.train", "distributed=true", *arguments],
+                        cwd=here,
+                        env=os.environ | variables | common | {"JAX_PROCESS_ID": str(number)},
+                        stdout=subprocess.PIPE,
+                        stderr=subprocess.PIPE,
+                        text=True,
+                    )
+                )
+        started.extend(pair)
+        return pair
+
+    yield begin
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def ends(pair, timeout=120):
+    """Wait for both; return their exit codes, and what they printed."""
+    told = [process.communicate(timeout=timeout) for process in pair]
+    return [process.returncode for process in pair], told
+
+
+def state_of(run_dir):
+    checkpoints = Checkpoints(run_dir, read_only=True)
+    try:
+        state = Run.create(RunConfig.load(run_dir)).restore(checkpoints).state
+    finally:
+        checkpoints.close()
+    return jax.device_get(state.replace(key=jax.random.key_data(state.key)))
+
+
+def assert_alike(one, other):
+    for x, y in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [pytest.param(["seeds=2"], marks=pytest.mark.slow, id="trial"), pytest.param([], id="data")],
+)
+def test_two_processes_train_what_one_trains(start_two, command, tmp_path, settings):
+    """They train and go on, one alone does it at once; the first one alone leaves anything."""
+    together, alone = tmp_path / "together", tmp_path / "alone"
+    codes, told = ends(
+        start_two(
+            *QUICK, *(settings or ["data_devices=2"]), "total_steps=4096", f"run_dir={together}"
+        )
+    )
+    assert codes == [0, 0], told
+    codes, told = ends(start_two(f"resume={together}", "total_steps=8192", "report=false"))
+    assert codes == [0, 0], told
+    assert "in 2 processes" in told[0][0]
+    others = [line for line in told[1][0].splitlines() if not line.startswith("[Gloo]")]
+    assert others == []
+    assert not list((tmp_path / "process_1").iterdir())
+
+    one = command("train", *QUICK, *settings, "total_steps=8192", f"run_dir={alone}")
+    assert one.returncode == 0, one.stderr
+    rows = [rows_of(folder) for folder in (together, alone)]
+    for name in ("iteration", "seed", "recent_return", "action_entropy"):
+        np.testing.assert_allclose(*([float(r[name]) for r in x] for x in rows), rtol=1e-3)
+    assert_alike(state_of(together), state_of(alone))
+
+
+def test_a_signal_to_one_stops_both_at_the_same_iteration(start_two, tmp_path):
+    run_dir = tmp_path / "run"
+    pair = start_two(*QUICK, *LONG, "data_devices=2", f"run_dir={run_dir}")
+    wait_for_rows(run_dir, 3, pair[0])
+    pair[1].send_signal(signal.SIGTERM)
+    codes, told = ends(pair)
+    assert codes == [143, 143], told
+    assert f"saved in {run_dir}" in told[0][0]
+    last = int(rows_of(run_dir)[-1]["iteration"])
+    assert max(saved_iterations(run_dir)) == last
+
+
+@pytest.mark.parametrize("killed", [pytest.param(0, marks=pytest.mark.slow), 1])
+def test_a_killed_process_ends_the_other_and_the_run_goes_on_alone(
+    start_two, command, tmp_path, killed
+):
+    run_dir = tmp_path / "run"
+    pair = start_two(*QUICK, *LONG, "seeds=2", f"run_dir={run_dir}")
+    while not saved_iterations(run_dir):
+        assert pair[0].poll() is None, pair[0].communicate()
+        time.sleep(0.1)
+    pair[killed].kill()
+    codes, told = ends(pair)
+    assert codes[killed] == -signal.SIGKILL
+    assert codes[1 - killed] == 1, told
+    assert "another one has gone: resume= with the run folder goes on" in told[1 - killed][1]
+    saved = max(saved_iterations(run_dir))
+    steps = (saved + 1) * 2048
+    again = command("train", f"resume={run_dir}", f"total_steps={steps}", "report=false")
+    assert again.returncode == 0, again.stderr
+    assert int(rows_of(run_dir)[-1]["iteration"]) == saved + 1
+
+
+def test_what_one_finds_wrong_both_end_for(start_two, tmp_path):
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "config.yaml").write_text("")
+    codes, told = ends(start_two(*QUICK, "seeds=2", f"run_dir={tmp_path / 'taken'}"))
+    assert codes == [2, 2], told
+    assert "holds a run already" in told[0][1]
+    assert told[1][1] == ""
+
+
+@pytest.mark.slow
+def test_more_processes_than_work_are_refused(start_two):
+    codes, told = ends(start_two(*QUICK))
+    assert codes == [2, 2], told
+    assert "2 processes are more than the 1 devices that the run takes; give seeds=2" in told[0][1]
+
+
+@pytest.mark.parametrize(
+    ("variables", "part"),
+    [
+        ({}, "distributed=true finds no other processes"),
+        ({"JAX_NUM_PROCESSES": "two"}, "JAX_NUM_PROCESSES = two must be a whole number"),
+        ({"JAX_COORDINATOR_ADDRESS": "here"}, "JAX_COORDINATOR_ADDRESS = here must be a host and"),
+    ],
+)
+def test_variables_that_tell_of_no_processes_are_refused(variables, part):
+    command = [sys.executable, "-m", "hitmdp_jax.train", "distributed=true", *QUICK]
+    environment = os.environ | {"PYTHONPATH": str(CHECKOUT)} | variables
+    out = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    assert out.returncode == 2
+    assert part in out.stderr.splitlines()[-1]
