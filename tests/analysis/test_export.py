@@ -42,6 +42,7 @@ def pendulum():
     return make_env("invertedpendulum", physics="native")
 
 
+@functools.cache
 def runner(name, format_name, stochastic=False):
     """Return an exported policy as a function of arrays by name, and its contract."""
     content, contract = export(policy_of(name), pendulum(), format_name, stochastic)

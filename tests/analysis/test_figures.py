@@ -41,7 +41,7 @@ def test_a_killed_run_is_read_up_to_its_last_whole_iteration(tmp_path):
     for torn in (b"31", row, row[:-1], row + b"31,31", row + b"31,3100,1,1."):
         path.write_bytes(text + torn)
         assert read_metrics(tmp_path)["iteration"].shape == (2, 30)
-        assert draw_figures(tmp_path, "a run")
+    assert draw_figures(tmp_path, "a run")
 
 
 @pytest.mark.parametrize("text", ["", "iteration,env_steps,seed", "iteration,env_steps,seed\r\n"])

@@ -1,5 +1,6 @@
 """Every answer about policies of each kind, and every figure of them."""
 
+import functools
 import io
 
 import jax
@@ -41,9 +42,15 @@ def drawn(figure):
     return [*titles, *(text.get_text() for text in texts + ticks)]
 
 
-@pytest.fixture(scope="module", params=[1, 9])
+@functools.cache
+def insight_of_embeddings(num_options):
+    """Of MOPG: what was found once is known to every test, and to those of reports."""
+    return insight_of(MOPG(num_options=num_options, embedding_size=5, hidden_sizes=(8,)))
+
+
+@pytest.fixture(params=[1, 9])
 def embedded(request):
-    return insight_of(MOPG(num_options=request.param, embedding_size=5, hidden_sizes=(8,)))
+    return insight_of_embeddings(request.param)
 
 
 @pytest.fixture(scope="module")

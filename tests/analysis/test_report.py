@@ -3,12 +3,11 @@ import re
 import numpy as np
 import pytest
 
-from hitmdp_jax.agents import MOPG
 from hitmdp_jax.analysis.report import RunReport, command
 from hitmdp_jax.commands.settings import Settings
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.sinks import CsvSink
-from tests.analysis.test_insight import insight_of
+from tests.analysis.test_insight import insight_of_embeddings
 
 RUNS = (
     ["env=halfcheetah", "physics=native", "seeds=3", "seed=100"],
@@ -37,12 +36,11 @@ def page_of(folder, num_options, seeds):
     } | {name: np.ones((seeds, num_options)) for name in ("option_steps", "option_activations")}
     sink.write(1, 2048, metrics)
     sink.close()
-    agent = MOPG(num_options=num_options, embedding_size=5, hidden_sizes=(8,))
 
     def video(path):
         raise UsageError("no luck.")
 
-    content = RunReport(folder, config, 0, lambda: insight_of(agent), video).html()
+    content = RunReport(folder, config, 0, lambda: insight_of_embeddings(num_options), video).html()
     return re.sub(r"<script.*?</script>", "", content, flags=re.DOTALL)
 
 
@@ -63,7 +61,7 @@ def test_of_a_single_option_is_shown_what_it_has_to_show(tmp_path):
 
 
 def test_several_options_and_seeds_have_the_rest(tmp_path):
-    page = page_of(tmp_path, 3, seeds=2)
+    page = page_of(tmp_path, 9, seeds=2)
     assert {"Which option follows", "Their cosine similarities"} < set(headings(page))
     assert "each of 2 trainings" in page
     assert "7.0 [7.0, 7.0] (interquartile mean, 95% interval)" in page

@@ -3,16 +3,15 @@
 import pytest
 import yaml
 
-from hitmdp_jax.commands import study
-from hitmdp_jax.commands.arms import configs_of
+from hitmdp_jax.commands import arms, study
 from tests.commands.conftest import QUICK
 
 
 @pytest.mark.parametrize("name", study.names())
 def test_the_studies_that_come_with_the_package_are_valid(name):
     read = study.read(name)
-    arms = {arm: [*read.settings, *own] for arm, own in read.arms.items()}
-    assert all(config.seeds >= 16 for config in configs_of(arms).values())
+    settings = {arm: [*read.settings, *own] for arm, own in read.arms.items()}
+    assert all(config.seeds >= 16 for config in arms.configs_of(settings).values())
 
 
 @pytest.mark.parametrize(
@@ -34,7 +33,9 @@ def test_bad_input_is_explained(command, tmp_path, arguments, sentence):
     assert result.stderr.startswith(f"error: {sentence}")
 
 
-def test_a_study_of_ones_own_is_trained_and_noted_down(command, tmp_path):
+def test_a_study_of_ones_own_is_trained_and_noted_down(command, tmp_path, monkeypatch):
+    """Its arms are trained in this process; that they have one of their own is tested elsewhere."""
+    monkeypatch.setattr(arms, "train", lambda settings: command("train", *settings).returncode)
     own = {
         "question": "Does discounting matter?",
         "control": "long",

@@ -230,7 +230,7 @@ def test_own_task_and_algorithm_train_resume_evaluate_and_load(command, tmp_path
         names[path] = f"{path.name}:{_class_in(path)}"
     run_dir = tmp_path / "run"
     settings = (f"env={names[task]}", f"algo={names[algo]}", "physics=native", "total_steps=2048")
-    settings += ("report=false",)
+    settings += SMALL
     result = command("train", *settings, f"run_dir={run_dir}", "algo.gamma=0.9", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert RunConfig.load(run_dir).algo["gamma"] == 0.9
