@@ -66,12 +66,13 @@ def page(title: str, subtitle: str, sections: Mapping[str, Callable[[], Parts]])
       subtitle: what stands below it.
       sections: title -> what makes its parts; it raises UsageError if it cannot.
     """
-    made, left_out = [], {}
+    made: list[Section] = []
+    left_out: dict[str, list[str]] = {}  # reason -> the sections that it keeps out
     for name, make in sections.items():
         try:
             made.append(Section(name, list(make())))
         except UsageError as reason:
-            left_out[name] = str(reason)
+            left_out.setdefault(str(reason), []).append(name)
     return templates.get_template("page.html").render(
         title=title,
         subtitle=subtitle,
@@ -323,7 +324,8 @@ def command(config: RunConfig) -> str:
         return "hitmdp_jax.train, from Python"
     task, agent = config.tasks[0], type(config.make_agent())
     known = inspect.signature(check_env(task["name"], task.get("version", "v5"))).parameters
-    usual = {name: parameter.default for name, parameter in known.items()} | {"version": "v5"}
+    usual = {name: parameter.default for name, parameter in known.items()}
+    usual |= {"version": "v5", "action_repeat": 1}
     usual_algo = {field.name: field.default for field in dataclasses.fields(agent)}
     parts = [f"env={task['name']}", f"algo={config.algo['name']}"]
     if config.second_env is not None:
