@@ -18,10 +18,10 @@ CONTACT_FORCE_RANGE = (-1.0, 1.0)  # N and N m, to which they are clipped
 # One control step errs by 2.3e-5 in qpos with 4 and 2 iterations as with 100 and 50, by 3.2e-5 with
 # 3 and 2: medians. At a wall it errs by 1e-2 whatever the budget: MuJoCo C lets contacts begin 2 cm
 # before surfaces meet, and MJX finds none of a box there. One iteration is to spare.
-MJX_BUDGET = SolverBudget(iterations=5, ls_iterations=2)
-# Of all pairs of a wall and one of the ant's 13 geoms and of all contacts, MJX looks at the nearest
-# alone. In 1,200 states the walls touched were among the nearest 12, and contacts 7 at most.
-MJX_PAIRS, MJX_CONTACTS = 24, 24
+MJX_BUDGET = SolverBudget(iterations=5, ls_iterations=2, contacts=24)
+# Of all pairs of a wall and one of the ant's 13 geoms, MJX looks at the nearest alone. In 1,200
+# states the walls touched were among the nearest 12, and contacts 7 at most.
+MJX_PAIRS = 24
 
 
 class AntUMaze(MazeEnv):
@@ -75,4 +75,3 @@ class AntUMaze(MazeEnv):
         cls.maze.add_to(spec)
         spec.delete(spec.numeric("init_qpos"))  # nobody's; MJX reads what follows it as its own
         spec.add_numeric(name="max_geom_pairs", data=[MJX_PAIRS])
-        spec.add_numeric(name="max_contact_points", data=[MJX_CONTACTS])
