@@ -78,7 +78,7 @@ def test_a_run_without_options_is_refused(command, without_options, target):
     ("arguments", "sentence"),
     [
         (["figure7"], "The following arguments are required: RUN_DIR"),
-        (["figure11", "{run}"], "Unknown target 'figure11'; did you mean 'figure1"),
+        (["figure15", "{run}"], "Unknown target 'figure15'; did you mean 'figure5'?"),
         (["figure7", "{run}/none"], "'{run}/none' is not a run's folder"),
         (["figure7", "{run}", "--seed", "9"], "seed = 9 is not in the run, which holds 3 to 4."),
         (["figure6", "{run}", "--seed", "9"], "seed = 9 is not in the run, which holds 3 to 4."),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hitmdp_jax import make_env
-from hitmdp_jax.envs.assets import load_gymnasium_model
+from hitmdp_jax.envs.assets import CONTACTS, load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.physics import (
     ENGINES,
@@ -19,7 +19,7 @@ from hitmdp_jax.envs.physics import (
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.machine import available_cores
 
-BUDGET = SolverBudget(iterations=3, ls_iterations=2)
+BUDGET = SolverBudget(iterations=3, ls_iterations=2, contacts=12)
 NEWTON, PGS = int(mujoco.mjtSolver.mjSOL_NEWTON), int(mujoco.mjtSolver.mjSOL_PGS)
 FALLING_BALL = """<mujoco><option integrator="{}"/><worldbody>
   <body><freejoint/><geom size="0.1"/></body>
@@ -39,7 +39,8 @@ def ball():
 
 
 def solver_of(model):
-    return model.opt.solver, model.opt.iterations, model.opt.ls_iterations
+    option, contacts = model.opt, model.numeric(CONTACTS).data[0]
+    return option.solver, option.iterations, option.ls_iterations, contacts
 
 
 @pytest.mark.parametrize("engine", ["mjx", "native"])
