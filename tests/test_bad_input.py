@@ -433,7 +433,7 @@ PYTHON = {
         ]
     },
     **{
-        f"{agent.__name__}({name}={value!r})": (
+        f"{agent.__name__}({name}={getattr(value, '__name__', repr(value))})": (
             lambda agent=agent, name=name, value=value: agent(**{name: value}),
             part,
         )
