@@ -20,7 +20,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
-import numpy as np
+import jax.numpy as jnp
 
 import hitmdp_jax
 from hitmdp_jax.commands.settings import Settings
@@ -126,9 +126,8 @@ def brax_ppo(env: str, size: Size, seconds: float) -> Figures:
     from brax.training.agents.ppo import train as ppo
 
     if not hasattr(jax, "device_put_replicated"):  # gone from jax 0.10; Brax 0.14 calls it
-        stacked = lambda x, n: np.broadcast_to(np.asarray(x), (n, *np.shape(x)))  # noqa: E731
         jax.device_put_replicated = lambda tree, devices: jax.tree.map(  # pyright: ignore
-            lambda x: stacked(x, len(devices)), tree
+            lambda x: jnp.stack([x] * len(devices)), tree
         )
     start, times = time.perf_counter(), []
     samples = size.num_envs * size.rollout_length
