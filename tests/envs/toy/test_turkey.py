@@ -34,6 +34,7 @@ def test_the_camera_does_not_see_the_stuffing(key):
     assert not np.array_equal(env.step(raw, ROAST).obs, raw.obs)
 
 
+@pytest.mark.slow
 def test_mopg_learns_to_stuff_then_roast_and_ppo_cannot():
     """App. A. Without memory the best return is 0: -10 p + 10 p (1 - p) for roasting with p.
 
