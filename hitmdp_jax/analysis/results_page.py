@@ -1,18 +1,19 @@
 """docs/results.md: what was measured, from the published results alone."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from hitmdp_jax.analysis import statistics
 from hitmdp_jax.analysis.results import DRAWING, EPISODES, Cell, Columns, read
 from hitmdp_jax.analysis.statistics import (
     difference,
     interquartile_mean,
     number,
     probability_of_improvement,
-    with_interval,
 )
 from hitmdp_jax.analysis.tables import Rows, markdown
 from hitmdp_jax.analysis.used_options import counts
@@ -122,26 +123,33 @@ def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:
     header += [f"minus {suite.control} [95% interval]", "P(better)"] if control else []
     header += ["deterministic", "options, duration", "choices", "paper"]
     rows = [header]
+    spec = _spec([cell.seeds["last_100k_steps"] for cell in cells.values()])
+    with_interval = functools.partial(statistics.with_interval, spec=spec)
     for arm, cell in cells.items():
         seeds = cell.seeds
-        row = [arm, str(len(seeds["seed"])), _spread(seeds["last_20_episodes"])]
+        row = [arm, str(len(seeds["seed"])), _spread(seeds["last_20_episodes"], spec)]
         row += [with_interval(interquartile_mean, seeds["last_100k_steps"])]
         if transfer:
             names = ("first_task", "whole_second_task")
             row += [with_interval(interquartile_mean, seeds[name]) for name in names]
         if control:
-            row += _against(seeds["last_100k_steps"], control.seeds["last_100k_steps"])
+            row += _against(seeds["last_100k_steps"], control.seeds["last_100k_steps"], spec)
         printed = suite.paper.get(arm, {}).get(task, np.nan)
-        row += [_spread(seeds["evaluation"]), _options(seeds), _choices(seeds)]
+        row += [_spread(seeds["evaluation"], spec), _options(seeds), _choices(seeds, spec)]
         rows.append([*row, number(printed)])
     return rows
 
 
-def _against(x: np.ndarray, control: np.ndarray) -> list[str]:
+def _spec(returns: Sequence[np.ndarray]) -> str:
+    """Return how a task's returns are rounded: to a tenth, small ones to a hundredth."""
+    return ".1f" if np.nanmax(np.abs(np.concatenate(returns))) >= 20.0 else ".2f"
+
+
+def _against(x: np.ndarray, control: np.ndarray, spec: str) -> list[str]:
     if x is control:
         return ["", ""]
     better = float(probability_of_improvement(x, control))
-    return [with_interval(difference, x, control), number(better, ".2f")]
+    return [statistics.with_interval(difference, x, control, spec=spec), number(better, ".2f")]
 
 
 def _options(seeds: Columns) -> str:
@@ -152,11 +160,11 @@ def _options(seeds: Columns) -> str:
     return f"{(used >= 2).sum()}/{len(used)}, {number(duration)}"
 
 
-def _choices(seeds: Columns) -> str:
+def _choices(seeds: Columns, spec: str) -> str:
     if "own_choices" not in seeds:
         return "-"
     names = ("own_choices", "uniform_choices", "best_option", "worst_option")
-    return " / ".join(number(float(interquartile_mean(seeds[name]))) for name in names)
+    return " / ".join(number(float(interquartile_mean(seeds[name])), spec) for name in names)
 
 
 def _by_setting(cell: Cell) -> Rows:
@@ -167,11 +175,11 @@ def _by_setting(cell: Cell) -> Rows:
     rows = [[name.removeprefix(PREFIX), "seeds", *numbers, "IQM [95% interval]", "deterministic"]]
     for value, row in zip(values, used, strict=True):
         own = {column: x[seeds[name] == value] for column, x in seeds.items()}
-        returns = with_interval(interquartile_mean, own["last_100k_steps"])
+        returns = statistics.with_interval(interquartile_mean, own["last_100k_steps"])
         score = _spread(own["evaluation"])
         rows.append([f"{value:g}", str(len(own["seed"])), *map(str, row), returns, score])
     return rows
 
 
-def _spread(x: Sequence[float] | np.ndarray) -> str:
-    return f"{number(float(np.mean(x)))} ± {number(float(np.std(x)))}"
+def _spread(x: np.ndarray, spec: str = ".1f") -> str:
+    return f"{number(float(np.mean(x)), spec)} ± {number(float(np.std(x)), spec)}"

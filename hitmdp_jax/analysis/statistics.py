@@ -78,11 +78,11 @@ def number(x: float, spec: str = ".1f") -> str:
     return "-" if math.isnan(x) else format(x, spec)
 
 
-def with_interval(statistic: Callable[..., Any], *strata: ArrayLike) -> str:
+def with_interval(statistic: Callable[..., Any], *strata: ArrayLike, spec: str = ".1f") -> str:
     """Return a statistic with its 95% interval as a table shows it: `12.0 [10.1, 13.9]`.
 
-    Args and intervals are those of `bootstrap_interval`.
+    Args and intervals are those of `bootstrap_interval`; `spec` is `number`'s.
     """
     values = float(statistic(*strata)), *bootstrap_interval(statistic, *strata)
-    middle, low, high = (number(value) for value in values)
+    middle, low, high = (number(value, spec) for value in values)
     return f"{middle} [{low}, {high}]"
