@@ -48,7 +48,9 @@ def measure(run_dirs: Mapping[str, Path], control: str) -> list[Arm]:
     runs = {name: read_metrics(folder) for name, folder in run_dirs.items()}
     returns = {name: final_returns(metrics) for name, metrics in runs.items()}
     return [
-        Arm(name, returns[name], returns[control], *options_at_the_end(metrics), _minutes(metrics))
+        Arm(
+            name, returns[name], returns[control], *options_at_the_end(metrics), minutes_of(metrics)
+        )
         for name, metrics in runs.items()
     ]
 
@@ -69,7 +71,8 @@ def options_at_the_end(metrics: Mapping[str, np.ndarray]) -> tuple[np.ndarray, n
     return (steps > USED * steps.sum(axis=0)).sum(axis=0).astype(float), duration
 
 
-def _minutes(metrics: Mapping[str, np.ndarray]) -> float:
+def minutes_of(metrics: Mapping[str, np.ndarray]) -> float:
+    """Return how long a run took, by its median speed."""
     return float(metrics["env_steps"].max() / np.median(metrics["steps_per_second"][0]) / 60)
 
 

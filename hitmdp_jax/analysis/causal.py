@@ -21,6 +21,9 @@ from hitmdp_jax.analysis.trajectories import Trajectories, record
 from hitmdp_jax.training.policy import Policy
 
 OWN, SHUFFLED, UNIFORM, FROZEN = "own choices", "own, shuffled", "uniform choices", "first choice"
+# What `summary` tells.
+OF_CHOICES = ("own_choices", "shuffled_choices", "uniform_choices", "first_choice")
+OF_OPTIONS = ("best_option", "worst_option")
 WITHOUT_EACH_OPTION = 3  # interventions beside the K that keep an option throughout
 
 
@@ -187,12 +190,8 @@ def summary(interventions: Interventions) -> dict[str, float]:
     """
     mean = effects(interventions).mean
     chosen, alone = mean[: -interventions.num_options], mean[-interventions.num_options :]
-    names = ("own_choices", "shuffled_choices", "uniform_choices", "first_choice")
-    return {
-        **{name: float(x) for name, x in zip(names, chosen, strict=True)},
-        "best_option": float(alone.max()),
-        "worst_option": float(alone.min()),
-    }
+    told = (*chosen, alone.max(), alone.min())
+    return dict(zip((*OF_CHOICES, *OF_OPTIONS), map(float, told), strict=True))
 
 
 def table(interventions: Interventions) -> list[list[str]]:

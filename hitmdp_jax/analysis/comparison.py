@@ -36,8 +36,17 @@ def final_returns(metrics: Mapping[str, np.ndarray], since: int = 0) -> np.ndarr
       since: environment steps before which no episode counts.
     """
     steps = metrics["env_steps"][0]
-    last = steps > max(steps[-1] - FINAL_STEPS, since)
-    returns, episodes = metrics["episode_return"][:, last], metrics["episodes"][:, last]
+    return mean_return(metrics, steps > max(steps[-1] - FINAL_STEPS, since))
+
+
+def mean_return(metrics: Mapping[str, np.ndarray], reports: np.ndarray) -> np.ndarray:
+    """Return each seed's mean return [S] over the episodes of some reports; NaN where none ended.
+
+    Args:
+      metrics: as `read_metrics` gives them.
+      reports: which of them, as an index of NumPy's.
+    """
+    returns, episodes = metrics["episode_return"][:, reports], metrics["episodes"][:, reports]
     count = np.nansum(episodes, axis=1)
     total = np.nansum(returns * episodes, axis=1)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hitmdp_jax.analysis.ablation import options_at_the_end
-from hitmdp_jax.analysis.comparison import final_returns
+from hitmdp_jax.analysis.ablation import minutes_of, options_at_the_end
+from hitmdp_jax.analysis.comparison import final_returns, mean_return
 from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.training.config import RunConfig
 
@@ -75,8 +75,7 @@ def publish(
     _write(beside / SEEDS, columns_of(config, metrics) | dict(evaluation))
     _write(beside / CURVE, curve(config, metrics))
     (beside / CONFIG).write_text(config.to_yaml())
-    hours = float(metrics["env_steps"].max() / np.median(metrics["steps_per_second"][0]) / 3600)
-    told = dict(about) | {"hours": round(hours, 2)}
+    told = dict(about) | {"hours": round(minutes_of(metrics) / 60, 2)}
     (beside / ABOUT).write_text(yaml.safe_dump(told, sort_keys=False, allow_unicode=True))
     shutil.rmtree(folder, ignore_errors=True)
     os.replace(beside, folder)
@@ -86,18 +85,15 @@ def read(folder: Path) -> Cell | None:
     """Return a published cell, or None where there is none."""
     if not (folder / ABOUT).is_file():
         return None
-    with (folder / SEEDS).open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    seeds = {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
-    return Cell(RunConfig.load(folder), seeds, yaml.safe_load((folder / ABOUT).read_text()))
+    return Cell(
+        RunConfig.load(folder), _read(folder / SEEDS), yaml.safe_load((folder / ABOUT).read_text())
+    )
 
 
 def read_curve(folder: Path) -> Columns:
     """Return a published cell's curves as `read_metrics` gives those of a run: [R, points] each."""
-    with (folder / CURVE).open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    size = sum(row["env_steps"] == rows[0]["env_steps"] for row in rows)
-    columns = {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
+    columns = _read(folder / CURVE)
+    size = int((columns["env_steps"] == columns["env_steps"][0]).sum())
     return {name: x.reshape(-1, size).T for name, x in columns.items()}
 
 
@@ -110,17 +106,14 @@ def columns_of(config: RunConfig, metrics: Mapping[str, np.ndarray]) -> Columns:
     """
     since = config.switch_at or 0
     used, duration = options_at_the_end(metrics)
-    columns = {
-        name: np.array([training.columns[name] for training in config.trainings])
-        for name in config.trainings[0].columns
-    }
+    columns = _trainings(config)
     columns["last_20_episodes"] = last_episodes(metrics, EPISODES, since)
     columns["last_100k_steps"] = final_returns(metrics, since)
     if config.switch_at is not None:
         first = metrics["env_steps"][0] <= config.switch_at
         columns["first_task"] = final_returns({k: x[:, first] for k, x in metrics.items()})
         # The area under the curve after the switch, in units of a return.
-        columns["whole_second_task"] = _mean_return({k: x[:, ~first] for k, x in metrics.items()})
+        columns["whole_second_task"] = mean_return(metrics, ~first)
     if not np.isnan(used).all():
         columns |= {"options_used": used, "main_option_duration": duration}
     return columns
@@ -145,11 +138,10 @@ def last_episodes(metrics: Mapping[str, np.ndarray], count: int, since: int = 0)
     return np.where(enough, mean, np.nan)
 
 
-def _mean_return(metrics: Mapping[str, np.ndarray]) -> np.ndarray:
-    episodes = np.nan_to_num(metrics["episodes"])
-    total = (np.nan_to_num(metrics["episode_return"]) * episodes).sum(axis=1)
-    count = episodes.sum(axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
+def _trainings(config: RunConfig) -> Columns:
+    """Return what tells the trainings of a run apart, [R] each."""
+    names = config.trainings[0].columns
+    return {name: np.array([t.columns[name] for t in config.trainings]) for name in names}
 
 
 def curve(config: RunConfig, metrics: Mapping[str, np.ndarray]) -> Columns:
@@ -163,15 +155,19 @@ def curve(config: RunConfig, metrics: Mapping[str, np.ndarray]) -> Columns:
     """
     parts = np.array_split(np.arange(metrics["env_steps"].shape[1]), POINTS)
     parts = [part for part in parts if len(part)]
-    returns = [_mean_return({k: x[:, part] for k, x in metrics.items()}) for part in parts]
+    returns = [mean_return(metrics, part) for part in parts]
     steps = [metrics["env_steps"][:, part[-1]] for part in parts]
-    names = config.trainings[0].columns
-    trainings = {name: np.array([t.columns[name] for t in config.trainings]) for name in names}
     return {
-        **{name: np.tile(x, len(parts)) for name, x in trainings.items()},
+        **{name: np.tile(x, len(parts)) for name, x in _trainings(config).items()},
         "env_steps": np.concatenate(steps),
         "episode_return": np.concatenate(returns),
     }
+
+
+def _read(path: Path) -> Columns:
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
 
 
 def _write(path: Path, columns: Mapping[str, np.ndarray]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 
 import hitmdp_jax
-from hitmdp_jax.analysis import results, used_options
+from hitmdp_jax.analysis import causal, results, used_options
 from hitmdp_jax.analysis.results_page import Suite, page, section
 from hitmdp_jax.commands.arms import configs_of, named, train_arms
 from hitmdp_jax.errors import UsageError, unknown_name
@@ -150,7 +150,7 @@ def evaluated(run_dir: Path, config: RunConfig) -> dict[str, np.ndarray]:
     columns = {name: np.array([row[column] for row in rows]) for name, column in names.items()}
     if config.algo.get("num_options", 1) > 1 and not config.sweep:
         rows = _evaluate(run_dir, "--choices", "--episodes", str(CHOICE_EPISODES))
-        choices = [name for name in rows[0] if name.endswith(("_choice", "_choices", "_option"))]
+        choices = (*causal.OF_CHOICES, *causal.OF_OPTIONS)
         columns |= {name: np.array([row[name] for row in rows]) for name in choices}
     return columns
 
