@@ -12,10 +12,10 @@ from hitmdp_jax.agents.base import Agent, LearnerState, static, traced
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.advantages import discounted_returns, generalized_advantages, spread
 from hitmdp_jax.learning.metrics import Metrics
-from hitmdp_jax.learning.optimization import Loss, adam, minibatch_epochs
+from hitmdp_jax.learning.optimization import Loss, adam, adapted_share, minibatch_epochs
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.surrogate import clipped_surrogate
-from hitmdp_jax.learning.value_scale import rescale
+from hitmdp_jax.learning.value_scale import decay, rescale
 from hitmdp_jax.networks.mlp import ACTIVATIONS
 
 
@@ -137,10 +137,20 @@ class ClippedAgent(GradientAgent):
 
 
 class ScaledAgent(ClippedAgent):
-    """A clipped agent with a `networks.Critic` in the units of its targets, `value_target`."""
+    """A clipped agent whose steps fit the task: its critic's in units of returns, and all in KL.
+
+    It has a `networks.Critic`, fitted to `value_target`. The state's `extra` is the share of the
+    learning rate with which an update moves no policy by more than `target_kl`.
+    """
 
     entropy_weight: float = traced(0.0)  # a_H
+    target_kl: float = traced(0.02, infinite=True)  # nats, of the mean over an update's minibatches
     normalize_values: bool = static(True)
+    value_decay: float = traced(0.03, high=1.0)  # an update's, with normalize_values
+
+    def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
+        """Return new parameters and optimiser state, and the whole learning rate."""
+        return super().init(key, observation_size, action_size).replace(extra=jnp.ones(()))
 
     def bonus(self, advantage: jax.Array) -> jax.Array:
         """Return what a loss weighs an entropy with [T, B], beside that advantage standardised.
@@ -153,11 +163,17 @@ class ScaledAgent(ClippedAgent):
     def learn(
         self, state: LearnerState, data: dict[str, Any], key: jax.Array
     ) -> tuple[LearnerState, Metrics]:
-        """Rescale the critic, then run `num_epochs` of minibatches on the loss."""
+        """Rescale the critic, run `num_epochs` of minibatches on the loss, and adapt the rate."""
         if self.normalize_values:
             critic = rescale(state.params["critic"], data["value_target"])
+            critic = decay(critic, self.value_decay)
             state = state.replace(params=state.params | {"critic": critic})
-        return super().learn(state, data, key)
+        rate = state.extra * self.learning_rate
+        state, metrics = self.replace(learning_rate=rate).optimize(self.loss, state, data, key)
+        # None where a surrogate of one's own does not measure it.
+        each = [x for name, x in metrics.items() if name.endswith("_kl")]
+        share = adapted_share(state.extra, jnp.stack([jnp.zeros(()), *each]).max(), self.target_kl)
+        return state.replace(extra=share), metrics | {"learning_rate": rate}
 
     def value_loss(
         self, params: Any, value: jax.Array, data: dict[str, Any]

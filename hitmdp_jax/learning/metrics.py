@@ -56,6 +56,7 @@ VOCABULARY: dict[str, Metric] = {
     # Learning.
     "*_kl": Metric("KL(old || new) of the policy of that name, over all minibatches", "nats"),
     "*_clip_fraction": Metric("samples whose ratio left the clipping interval", "share of samples"),
+    "learning_rate": Metric("Adam's, where it follows the KL", ""),
     "value": Metric("mean value of the states visited, V[s, o_{t-1}] with options", "return"),
     "value_loss": Metric("half the squared error of the critic", "return^2"),
     "q_loss": Metric("half the squared error of Q[s, o], where V is fitted as well", "return^2"),

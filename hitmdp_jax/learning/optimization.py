@@ -24,6 +24,22 @@ def adam(
     return optax.flatten(optax.chain(clip, optax.adam(learning_rate, eps=eps)))
 
 
+def adapted_share(share: jax.Array, kl: jax.Array, target_kl: jax.Array | float) -> jax.Array:
+    """Return the share of the learning rate, at most 1, to go on with after an update.
+
+    It follows (target_kl / kl)^(1/5): a KL that grows with the square of the rate comes to its
+    target within ten updates, and the noise of one update moves the rate little. The KL of steps of
+    one size grows as a Gaussian policy grows narrow, until updates undo what they have learned.
+
+    Args:
+      share: that of the update.
+      kl: nats, how far the update moved the policy.
+      target_kl: nats; infinity keeps the whole rate.
+    """
+    step = (target_kl / jnp.maximum(kl, jnp.finfo(kl.dtype).tiny)) ** 0.2
+    return jnp.minimum(share * jnp.clip(step, 0.5, 2.0), 1.0)
+
+
 def gradient_step(
     loss: Loss, optimizer: optax.GradientTransformation, params: Any, opt_state: Any, data: Any
 ) -> tuple[Any, Any, dict[str, jax.Array]]:

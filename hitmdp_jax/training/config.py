@@ -19,9 +19,12 @@ from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.program import check_sizes, num_iterations
 from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
 
-SCHEMA = 2  # of config.yaml; raised where an older package would misread it
-# What a hyperparameter that schema 1 did not have stood for, where that is not its default.
-BEFORE_2 = {"mopg": {"option_scale": 1.0, "switching_cost": 0.0, "usage_weight": 0.0}}
+SCHEMA = 3  # of config.yaml; raised where an older package would misread it
+# What hyperparameters stood for that a schema did not have yet, where that is not their default.
+BEFORE = {
+    2: {"mopg": {"option_scale": 1.0, "switching_cost": 0.0, "usage_weight": 0.0}},
+    3: {name: {"target_kl": math.inf, "value_decay": 0.0} for name in ("mopg", "ppo")},
+}
 REPORT_STEPS = 2048
 MOST = 10**12  # more than any whole number that is asked for here
 WHOLE = {  # name -> the least value
@@ -268,8 +271,11 @@ class RunConfig:
                 f"to {SCHEMA}): upgrade to read it."
             )
         algo = settings.get("algo")
-        if schema < 2 and isinstance(algo, dict):
-            settings["algo"] = BEFORE_2.get(str(algo.get("name")), {}) | algo
+        if isinstance(algo, dict):
+            for added, values in BEFORE.items():
+                if schema < added:
+                    algo = values.get(str(algo.get("name")), {}) | algo
+            settings["algo"] = algo
         try:
             return cls.from_mapping(settings)
         except UsageError as error:

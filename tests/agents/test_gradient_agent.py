@@ -4,8 +4,10 @@ import jax
 import numpy as np
 import pytest
 
-from hitmdp_jax.agents import PPO
+from hitmdp_jax.agents import AGENTS, PPO
 from hitmdp_jax.agents.base import LearnerState
+from tests.agents.compiled import Compiled
+from tests.agents.option_batches import SMALL, A, O, random_batch
 from tests.programs import compiled
 
 RATE, EPS = 0.1, 0.5  # so large that Adam's first step tells a small gradient from a large one
@@ -41,3 +43,35 @@ def test_a_step_is_adams_behind_the_gradient_norm_clip(max_grad_norm):
     expected = params["w"] - RATE * gradient / (np.abs(gradient) + EPS)
     np.testing.assert_allclose(state.params["w"], expected, rtol=1e-5)
     np.testing.assert_allclose(metrics["loss"], 3.0 + 8.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["ppo", "mopg"])
+def test_an_update_that_moves_a_policy_too_far_lowers_the_rate_of_the_next(name):
+    """The KL of the policy that moved most counts; the next update is one of the lower rate."""
+    agent = Compiled(AGENTS[name](learning_rate=0.1, minibatch_size=5, num_epochs=2, **SMALL))
+    state = agent.init(jax.random.key(0), O, A)
+    batch, key = random_batch(), jax.random.key(1)
+    if name == "mopg":
+        batch = batch.replace(memory=batch.memory.previous)
+    first, metrics = agent.update(state, batch, key)
+    kl = max(float(x) for metric, x in metrics.items() if metric.endswith("_kl"))
+    assert kl > agent.target_kl
+    assert first.extra == pytest.approx(max((agent.target_kl / kl) ** 0.2, 0.5), rel=1e-4)
+    assert metrics["learning_rate"] == pytest.approx(0.1)
+    second, metrics = agent.update(first, batch, key)
+    assert metrics["learning_rate"] == pytest.approx(0.1 * first.extra)
+    lower = agent.replace(learning_rate=0.1 * first.extra)
+    expected, _ = lower.update(first.replace(extra=np.ones((), np.float32)), batch, key)
+    jax.tree.map(
+        lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-4, atol=1e-5),
+        second.params,
+        expected.params,
+    )
+
+
+def test_a_kl_without_limit_leaves_the_rate_alone():
+    agent = Compiled(
+        PPO(learning_rate=0.1, target_kl=float("inf"), minibatch_size=5, num_epochs=2, **SMALL)
+    )
+    state, _ = agent.update(agent.init(jax.random.key(0), O, A), random_batch(), jax.random.key(1))
+    assert state.extra == 1.0

@@ -2,8 +2,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+import pytest
 
-from hitmdp_jax.learning.optimization import adam, minibatch_epochs
+from hitmdp_jax.learning.optimization import adam, adapted_share, minibatch_epochs
 
 
 def test_adam_equals_optax_on_the_tree():
@@ -43,3 +44,23 @@ def test_every_epoch_sees_every_sample_once(key):
     )(key)
     np.testing.assert_array_equal(params, -5.0 * np.ones(12))
     assert diagnostics["n"] == 1
+
+
+@pytest.mark.parametrize("target", [0.002, 0.02])
+def test_the_share_of_the_rate_brings_the_kl_to_its_target(target):
+    share = jnp.ones(())
+    for _ in range(40):
+        share = adapted_share(share, 0.08 * share**2, target)
+    np.testing.assert_allclose(0.08 * share**2, target, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("kl", "target"), [(0.01, 0.02), (0.0, 0.02), (1.0, jnp.inf), (0.0, jnp.inf)]
+)
+def test_the_share_of_the_rate_is_the_whole_of_it_while_the_kl_is_small(kl, target):
+    assert adapted_share(jnp.ones(()), jnp.asarray(kl), target) == 1.0
+
+
+@pytest.mark.parametrize("kl", [1e3, jnp.inf])
+def test_one_wild_update_no_more_than_halves_the_rate(kl):
+    assert adapted_share(jnp.ones(()), jnp.asarray(kl), 0.02) == 0.5

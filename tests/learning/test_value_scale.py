@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hitmdp_jax.learning.value_scale import SMALLEST, rescale
+from hitmdp_jax.learning.value_scale import SMALLEST, decay, rescale
 from hitmdp_jax.networks import Critic
 
 
@@ -68,3 +68,11 @@ def test_the_gradient_in_the_critics_units_does_not_depend_on_the_rewards_unit(c
         gradient(small, target),
         gradient(large, 1000 * target),
     )
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
+def test_values_decay_towards_the_targets_mean(case, share):
+    obs, critic = case
+    critic = critic | {"shift": jnp.asarray(-5.0), "scale": jnp.asarray(3.0)}
+    before, after = values(critic, obs), values(decay(critic, share), obs)
+    np.testing.assert_allclose(after + 5.0, (1.0 - share) * (before + 5.0), rtol=1e-4, atol=1e-5)

@@ -1,4 +1,5 @@
 import dataclasses
+import math
 from pathlib import Path
 
 import pytest
@@ -125,6 +126,14 @@ def test_options_of_a_run_of_schema_1_are_read_as_it_read_them(tmp_path):
     (tmp_path / "config.yaml").write_text(content)
     agent = RunConfig.load(tmp_path).make_agent()
     assert (agent.option_scale, agent.switching_cost, agent.usage_weight) == (1.0, 0.5, 0.0)
+
+
+@pytest.mark.parametrize(("schema", "expected"), [(2, (math.inf, 0.0)), (3, (0.02, 0.03))])
+def test_steps_of_a_run_of_schema_2_are_as_large_as_they_were(tmp_path, schema, expected):
+    content = f"schema: {schema}\nalgo: {{name: ppo}}\nenv: {{name: halfcheetah}}\n"
+    (tmp_path / "config.yaml").write_text(content)
+    agent = RunConfig.load(tmp_path).make_agent()
+    assert (agent.target_kl, agent.value_decay) == expected
 
 
 @pytest.mark.parametrize(
