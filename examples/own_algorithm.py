@@ -21,7 +21,9 @@ class ClipHigher(MOPG):
         self, name: str, log_prob: jax.Array, old_log_prob: jax.Array, advantage: jax.Array
     ) -> tuple[jax.Array, Metrics]:
         """Return the objective of one policy, to be maximised, and diagnostics of that name."""
+        _, measured = super().surrogate(name, log_prob, old_log_prob, advantage)
         ratio = jnp.exp(log_prob - old_log_prob)
         clipped = jnp.clip(ratio, 1.0 - self.clip_eps, 1.0 + self.clip_high)
         objective = jnp.minimum(ratio * advantage, clipped * advantage).mean()
-        return objective, {f"{name}_clip_fraction": (ratio != clipped).mean()}
+        # Its KL among them, which the learning rate follows.
+        return objective, measured | {f"{name}_clip_fraction": (ratio != clipped).mean()}
