@@ -56,10 +56,7 @@ def main() -> None:
             return mjx.step(mjx_model, data), None
 
         def run(state: States) -> jax.Array:
-            data = blank.replace(**state._asdict())
-            data, _ = jax.lax.scan(
-                lambda d, _: (mjx.step(mjx_model, d), None), data, length=SUBSTEPS
-            )
+            data, _ = jax.lax.scan(substep, blank.replace(**state._asdict()), length=SUBSTEPS)
             return data.qpos
 
         return jax.jit(jax.vmap(run)), int(blank._impl.nefc)  # pyright: ignore
