@@ -26,7 +26,9 @@ class Result:
     parameters: int
 
 
-def final_returns(metrics: Mapping[str, np.ndarray], since: int = 0) -> np.ndarray:
+def final_returns(
+    metrics: Mapping[str, np.ndarray], since: int = 0, of: str = "episode_return"
+) -> np.ndarray:
     """Return each seed's mean return [S] over episodes that ended in the last FINAL_STEPS.
 
     It is NaN for a seed in which none did.
@@ -34,19 +36,23 @@ def final_returns(metrics: Mapping[str, np.ndarray], since: int = 0) -> np.ndarr
     Args:
       metrics: as `read_metrics` gives them.
       since: environment steps before which no episode counts.
+      of: what is told of an episode, if not its return.
     """
     steps = metrics["env_steps"][0]
-    return mean_return(metrics, steps > max(steps[-1] - FINAL_STEPS, since))
+    return mean_return(metrics, steps > max(steps[-1] - FINAL_STEPS, since), of)
 
 
-def mean_return(metrics: Mapping[str, np.ndarray], reports: np.ndarray) -> np.ndarray:
+def mean_return(
+    metrics: Mapping[str, np.ndarray], reports: np.ndarray, of: str = "episode_return"
+) -> np.ndarray:
     """Return each seed's mean return [S] over the episodes of some reports; NaN where none ended.
 
     Args:
       metrics: as `read_metrics` gives them.
       reports: which of them, as an index of NumPy's.
+      of: what is told of an episode, if not its return.
     """
-    returns, episodes = metrics["episode_return"][:, reports], metrics["episodes"][:, reports]
+    returns, episodes = metrics[of][:, reports], metrics["episodes"][:, reports]
     count = np.nansum(episodes, axis=1)
     total = np.nansum(returns * episodes, axis=1)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -114,6 +114,8 @@ def columns_of(config: RunConfig, metrics: Mapping[str, np.ndarray]) -> Columns:
         columns["first_task"] = final_returns({k: x[:, first] for k, x in metrics.items()})
         # The area under the curve after the switch, in units of a return.
         columns["whole_second_task"] = mean_return(metrics, ~first)
+    if "success" in metrics:
+        columns["success"] = final_returns(metrics, since, of="success")
     if not np.isnan(used).all():
         columns |= {"options_used": used, "main_option_duration": duration}
     return columns

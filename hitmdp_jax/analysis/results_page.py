@@ -30,6 +30,8 @@ commands below made; nothing here is typed by hand. Returns are undiscounted.
   bootstrap interval (Agarwal et al. 2021);
 - *deterministic*: {EPISODES} episodes a seed of the final policy's likeliest options and actions;
   mean and standard deviation over seeds;
+- *success*, in mazes: episodes of the last 100k steps in which the goal was reached; mean and
+  standard deviation over seeds;
 - *options, duration*: seeds in which two options or more have at least 5% of the last 100k steps
   each, and how many steps the option used most lasts (median of seeds);
 - *choices*: do options matter? IQM of the training policy's episodes with its own choices, with
@@ -52,8 +54,10 @@ class Suite:
     policies: list[str]  # the arms whose best policy is published
 
     def settings_of(self, task: str, arm: str) -> list[str]:
-        """Return the settings of one cell."""
-        return [*self.tasks[task], *self.arms[arm], *self.settings]
+        """Return the settings of one cell; those of every run yield to its own."""
+        own = [*self.tasks[task], *self.arms[arm]]
+        names = {text.split("=", 1)[0] for text in own}
+        return [*own, *(text for text in self.settings if text.split("=", 1)[0] not in names)]
 
 
 def page(suites: Mapping[str, Suite], results: Path, link: str) -> str:
@@ -121,6 +125,8 @@ def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:
     header = ["", "seeds", f"last {EPISODES} episodes", "IQM [95% interval]"]
     header += ["first task, IQM", "mean after the switch, IQM"] if transfer else []
     header += [f"minus {suite.control} [95% interval]", "P(better)"] if control else []
+    succeeds = "success" in first.seeds
+    header += ["success"] if succeeds else []
     header += ["deterministic", "options, duration", "choices", "paper"]
     rows = [header]
     spec = _spec([cell.seeds["last_100k_steps"] for cell in cells.values()])
@@ -134,6 +140,7 @@ def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:
             row += [with_interval(interquartile_mean, seeds[name]) for name in names]
         if control:
             row += _against(seeds["last_100k_steps"], control.seeds["last_100k_steps"], spec)
+        row += [_spread(seeds["success"], ".2f")] if succeeds else []
         printed = suite.paper.get(arm, {}).get(task, np.nan)
         row += [_spread(seeds["evaluation"], spec), _options(seeds), _choices(seeds, spec)]
         rows.append([*row, number(printed)])

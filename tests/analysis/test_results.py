@@ -76,6 +76,19 @@ def test_a_transfer_tells_its_tasks_apart():
     assert (columns["options_used"] == 2).all()
 
 
+def test_success_is_that_of_the_episodes_at_the_end_and_only_where_the_task_knows_it():
+    metrics = made_up(np.random.default_rng(3))
+    config = RunConfig(algo={"name": "mopg"}, env=TASK, seeds=3, total_steps=150 * 2048)
+    assert "success" not in results.columns_of(config, metrics)
+    episodes = metrics["episodes"]
+    metrics["success"] = np.where(episodes > 0, 0.25, np.nan)
+    metrics["success"][:, -1], episodes[:, -1] = 1.0, 4.0
+    last = metrics["env_steps"][0] > 150 * 2048 - 100_000
+    before = episodes[:, last][:, :-1].sum(axis=1)
+    expected = (0.25 * before + 4.0) / (before + 4.0)
+    np.testing.assert_allclose(results.columns_of(config, metrics)["success"], expected)
+
+
 @pytest.fixture
 def cell(tmp_path):
     """A published cell of two seeds, 3 and 4."""
