@@ -13,6 +13,7 @@ from hitmdp_jax.analysis.statistics import (
     interquartile_mean,
     number,
     probability_of_improvement,
+    rounding,
     with_interval,
 )
 from hitmdp_jax.learning.options import mean_duration
@@ -84,21 +85,25 @@ def table(arms: Sequence[Arm]) -> list[list[str]]:
             "options used", "duration", "minutes", "per seed",
         ]
     ]  # fmt: skip
+    returns = [arm.final_returns for arm in arms]
+    spec, of_each = rounding(*returns), rounding(*returns, fewer=1)
     for arm in arms:
         x, y = arm.final_returns, arm.control
-        better = probability_of_improvement(x, y)
+        against = ["", ""]
+        if x is not y:
+            better = float(probability_of_improvement(x, y))
+            against = [with_interval(difference, x, y, spec=spec), number(better, ".2f")]
         lasting = "-" if np.isnan(arm.used).all() else f"{(arm.used >= 2).sum()}/{len(x)} use 2+"
         rows.append(
             [
                 arm.name,
-                with_interval(interquartile_mean, x),
-                with_interval(difference, x, y),
-                number(float(better), ".2f"),
+                with_interval(interquartile_mean, x, spec=spec),
+                *against,
                 f"{arm.failed}/{len(x)}",
                 lasting,
                 number(float(np.median(arm.duration))),
                 f"{arm.minutes:.0f}",
-                " ".join(number(value, ".0f") for value in x),
+                " ".join(number(value, of_each) for value in x),
             ]
         )
     return rows

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hitmdp_jax.analysis.figures import OPTION_COLORS, draw_seeds, label_curves, read_metrics
-from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number
+from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number, rounding
 
 FINAL_STEPS = 100_000  # environment steps whose episodes make up a final return
 
@@ -90,16 +90,18 @@ def compare(
 def table(results: Sequence[Result]) -> list[list[str]]:
     """Return the comparison as rows of text, the header first."""
     rows = [["algo", "return", "std", "IQM [95% interval]", "per seed", "steps/s", "parameters"]]
+    every = [result.final_returns for result in results]
+    spec, of_each = rounding(*every), rounding(*every, fewer=1)
     for result in results:
         returns = result.final_returns
-        iqm, low, high = (number(x) for x in (result.iqm, result.iqm_low, result.iqm_high))
+        iqm, low, high = (number(x, spec) for x in (result.iqm, result.iqm_low, result.iqm_high))
         rows.append(
             [
                 result.algo,
-                number(returns.mean()),
-                number(returns.std()),
+                number(returns.mean(), spec),
+                number(returns.std(), spec),
                 f"{iqm} [{low}, {high}]",
-                " ".join(number(x, ".0f") for x in returns),
+                " ".join(number(x, of_each) for x in returns),
                 f"{result.steps_per_second:.0f}",
                 str(result.parameters),
             ]

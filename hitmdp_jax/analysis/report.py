@@ -23,7 +23,13 @@ from hitmdp_jax.analysis.figures import option_color, read_metrics
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.analysis.perturbation import sentences, strongest
 from hitmdp_jax.analysis.states import by_option, cosine_similarities
-from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number
+from hitmdp_jax.analysis.statistics import (
+    bootstrap_interval,
+    interquartile_mean,
+    number,
+    rounding,
+    with_interval,
+)
 from hitmdp_jax.analysis.sweeps import rank
 from hitmdp_jax.analysis.sweeps import table as sweep_table
 from hitmdp_jax.analysis.tables import Rows
@@ -163,18 +169,17 @@ class RunReport:
         """Say what was run, with what, and how it ended."""
         config, metrics = self.config, self.metrics
         returns = final_returns(metrics, config.switch_at or 0)
+        spec, of_each = rounding(returns), rounding(returns, fewer=1)
         done, speed = int(metrics["env_steps"].max()), np.median(metrics["steps_per_second"][0])
-        steps, score = (
-            f"{done:,} of {config.env_steps:,}",
-            number(float(interquartile_mean(returns))),
-        )
+        steps = f"{done:,} of {config.env_steps:,}"
+        score = number(float(interquartile_mean(returns)), spec)
         minutes = max(1, round(done / speed / 60))
         each = []
         if len(returns) > 1:
-            low, high = bootstrap_interval(interquartile_mean, returns)
             steps += f", of each of {len(returns)} trainings"
-            score += f" [{number(low)}, {number(high)}] (interquartile mean, 95% interval)"
-            each = [["each seed", ", ".join(number(x, ".0f") for x in returns)]]
+            score = with_interval(interquartile_mean, returns, spec=spec)
+            score += " (interquartile mean, 95% interval)"
+            each = [["each seed", ", ".join(number(x, of_each) for x in returns)]]
         yield table(
             [
                 ["", ""],

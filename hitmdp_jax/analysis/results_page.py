@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from hitmdp_jax.analysis.statistics import (
     interquartile_mean,
     number,
     probability_of_improvement,
+    rounding,
 )
 from hitmdp_jax.analysis.tables import Rows, markdown
 from hitmdp_jax.analysis.used_options import counts
@@ -129,7 +130,7 @@ def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:
     header += ["success"] if succeeds else []
     header += ["deterministic", "options, duration", "choices", "paper"]
     rows = [header]
-    spec = _spec([cell.seeds["last_100k_steps"] for cell in cells.values()])
+    spec = rounding(*(cell.seeds["last_100k_steps"] for cell in cells.values()))
     with_interval = functools.partial(statistics.with_interval, spec=spec)
     for arm, cell in cells.items():
         seeds = cell.seeds
@@ -145,11 +146,6 @@ def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:
         row += [_spread(seeds["evaluation"], spec), _options(seeds), _choices(seeds, spec)]
         rows.append([*row, number(printed)])
     return rows
-
-
-def _spec(returns: Sequence[np.ndarray]) -> str:
-    """Return how a task's returns are rounded: to a tenth, small ones to a hundredth."""
-    return ".1f" if np.nanmax(np.abs(np.concatenate(returns))) >= 20.0 else ".2f"
 
 
 def _against(x: np.ndarray, control: np.ndarray, spec: str) -> list[str]:

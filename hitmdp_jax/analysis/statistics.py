@@ -13,6 +13,7 @@ from scipy import stats
 
 BOOTSTRAPS = 10_000
 CONFIDENCE = 0.95
+SMALL = 20.0  # returns below it, of Reacher say, differ in their second digit after the point
 
 
 def interquartile_mean(*strata: ArrayLike, axis: int = -1) -> Any:
@@ -71,6 +72,17 @@ def bootstrap_interval(statistic: Callable[..., Any], *strata: ArrayLike) -> tup
         rng=np.random.default_rng(0),
     ).confidence_interval
     return float(interval.low), float(interval.high)
+
+
+def rounding(*strata: ArrayLike, fewer: int = 0) -> str:
+    """Return the format by which tables show returns: to a tenth, small ones to a hundredth.
+
+    Args:
+      *strata: all the returns of a table.
+      fewer: digits less, where every seed's is shown.
+    """
+    small = np.nanmax(np.abs(np.concatenate(strata)), initial=0.0) < SMALL
+    return f".{(2 if small else 1) - fewer}f"
 
 
 def number(x: float, spec: str = ".1f") -> str:

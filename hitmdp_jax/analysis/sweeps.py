@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from hitmdp_jax.analysis import tables
 from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
 from hitmdp_jax.analysis.figures import FAINT, OPTION_COLORS, draw_figures, read_metrics
-from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number
+from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number, rounding
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.sweep import PREFIX, label
 
@@ -64,17 +64,19 @@ def table(results: Sequence[SettingResult]) -> list[list[str]]:
     """Return the settings as rows of text, the header first."""
     names = [name.removeprefix(PREFIX) for name in results[0].swept]
     rows = [["setting", *names, "IQM [95% interval]", "mean", "std", "per seed"]]
+    every = [result.final_returns for result in results]
+    spec, of_each = rounding(*every), rounding(*every, fewer=1)
     for result in results:
         returns = result.final_returns
-        iqm, low, high = (number(x) for x in (result.iqm, result.low, result.high))
+        iqm, low, high = (number(x, spec) for x in (result.iqm, result.low, result.high))
         rows.append(
             [
                 str(result.setting),
                 *(f"{value:.4g}" for value in result.swept.values()),
                 f"{iqm} [{low}, {high}]",
-                number(returns.mean()),
-                number(returns.std()),
-                " ".join(number(x, ".0f") for x in returns),
+                number(returns.mean(), spec),
+                number(returns.std(), spec),
+                " ".join(number(x, of_each) for x in returns),
             ]
         )
     return rows

@@ -64,4 +64,4 @@ def test_several_options_and_seeds_have_the_rest(tmp_path):
     page = page_of(tmp_path, 9, seeds=2)
     assert {"Which option follows", "Their cosine similarities"} < set(headings(page))
     assert "each of 2 trainings" in page
-    assert "7.0 [7.0, 7.0] (interquartile mean, 95% interval)" in page
+    assert "7.00 [7.00, 7.00] (interquartile mean, 95% interval)" in page

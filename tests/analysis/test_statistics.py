@@ -9,6 +9,7 @@ from hitmdp_jax.analysis.statistics import (
     interquartile_mean,
     number,
     probability_of_improvement,
+    rounding,
 )
 
 # Ten seeds of one algorithm and eight of another on three tasks. The values below that are said to
@@ -100,3 +101,10 @@ def test_an_unknown_score_is_not_trimmed_away():
 
 def test_an_unknown_number_is_a_dash():
     assert [number(x) for x in (1234.56, float("nan"))] == ["1234.6", "-"]
+
+
+def test_a_table_shows_small_returns_by_a_digit_more():
+    assert rounding([-4.27, np.nan], [-5.0]) == ".2f"
+    assert rounding([-4.27], [5435.8]) == ".1f"
+    assert rounding([-4.27], fewer=1) == ".1f"
+    assert rounding([np.nan]) == ".2f"

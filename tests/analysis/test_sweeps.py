@@ -31,8 +31,8 @@ def test_the_table_and_the_figure_show_every_setting():
     header, *rows = table(results)
     assert header[:2] == ["setting", "gamma"]
     assert rows[0][:2] == ["1", "0.95"]
-    assert rows[0][-1] == "5 7"
-    assert rows[2][-1] == "9 -"
+    assert rows[0][-1] == "5.0 7.0"
+    assert rows[2][-1] == "9.0 -"
     (axes,) = sweep_figure(results, "a sweep").axes
     assert axes.get_yticklabels()[0].get_text() == "gamma=0.95"
     np.testing.assert_array_equal(axes.lines[0].get_xdata(), [5.0, 7.0])
