@@ -26,6 +26,7 @@ class Scores:
 
     returns: np.ndarray  # [N]
     lengths: np.ndarray  # [N] control steps
+    success: np.ndarray | None = None  # [N] 1 where the goal was reached; None of tasks without one
 
     @property
     def standard_error(self) -> float:
@@ -94,8 +95,7 @@ def score_in_jax(
       UsageError: the policy observes or acts in another size than the task.
     """
     check_fit(policy, env)
-    returns, lengths = _totals(policy, env, key, episodes, deterministic)
-    return Scores(np.asarray(returns), np.asarray(lengths))
+    return Scores(*jax.device_get(_totals(policy, env, key, episodes, deterministic)))
 
 
 def check_fit(policy: Policy, env: Env) -> None:
@@ -117,9 +117,9 @@ def check_fit(policy: Policy, env: Env) -> None:
 @functools.partial(jax.jit, static_argnames=("env", "episodes", "deterministic"))
 def _totals(
     policy: Policy, env: Env, key: jax.Array, episodes: int, deterministic: bool
-) -> tuple[jax.Array, jax.Array]:
+) -> tuple[jax.Array, jax.Array, jax.Array | None]:
     recorded = record(policy, env, key, episodes, deterministic=deterministic)
-    return recorded.returns, recorded.lengths
+    return recorded.returns, recorded.lengths, recorded.success
 
 
 @functools.lru_cache(maxsize=1)

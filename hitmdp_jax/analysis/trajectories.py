@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from brax.envs.base import Env
+from brax.envs.base import Env, State
 from flax import struct
 
 from hitmdp_jax.envs import check_env
@@ -37,6 +37,7 @@ class Trajectories(struct.PyTreeNode):
     option_probs: jax.Array | None  # [T, N, K] P(o_t | s_t, what the policy remembers), or None
     alive: jax.Array  # [T, N] bool, the step belongs to the episode
     terminated: jax.Array  # [N] bool, the task ended the episode
+    success: jax.Array | None = None  # [N] 1 where it reached its goal, None of tasks without one
     # The state that `obs` shows, None unless asked for: m, rad and their rates; `ctrl` is that of
     # the step before.
     qpos: jax.Array | None = None  # [T, N, nq]
@@ -95,6 +96,7 @@ def record(
             "obs": state.obs,
             "reward": jnp.where(alive, new_state.reward, 0.0),
             "alive": alive,
+            "success": _so_far(new_state, alive),
             **(_coordinates(state.pipeline_state) if physics else {}),
         }
         return (new_state, memory, alive & ~new_state.done.astype(bool)), decision | seen
@@ -107,7 +109,8 @@ def record(
     limit = getattr(env, "episode_length", EPISODE_LENGTH)
     keys = jax.random.split(key_steps, -(-limit // action_repeat_of(env)))
     (_, _, alive), steps = jax.lax.scan(step, start, keys)
-    return Trajectories(**steps, terminated=~alive)
+    success = jax.tree.map(lambda x: x.max(axis=0), steps.pop("success"))
+    return Trajectories(**steps, terminated=~alive, success=success)
 
 
 def record_in_gymnasium(
@@ -173,6 +176,12 @@ def _decide(
         "option_probs": agent.option_probs(params, obs, memory),
     }
     return decision, new_memory
+
+
+def _so_far(state: State, alive: jax.Array) -> jax.Array | None:
+    """Return whether episodes under way have reached their goal, [N]; None of tasks without one."""
+    reached = state.metrics.get("success")
+    return None if reached is None else jnp.where(alive, reached, 0.0)
 
 
 def _coordinates(data: Any) -> dict[str, jax.Array]:

@@ -84,12 +84,15 @@ def _main() -> None:
         print(json.dumps([entry | choice for entry, choice in both], indent=2))
         return
     index = list(config.trainings[0].columns)
-    numbers = ("return", "std", "min", "max", "std error", "length")
+    numbers = ["return", "std", "min", "max", "std error", "length"]
+    numbers += ["success"] if "success" in rows[0] else []
     table = Table(*(name.removeprefix(PREFIX) for name in index), *numbers, title=engine)
     for entry in rows:
         numbers = [entry[name] for name in ("return", "std", "min", "max", "std_error")]
         shown = ("-" if x is None else f"{x:,.1f}" for x in numbers)
-        table.add_row(*(f"{entry[name]:.6g}" for name in index), *shown, f"{entry['length']:.1f}")
+        more = [f"{entry['length']:.1f}"]
+        more += [f"{entry['success']:.0%}"] if "success" in entry else []
+        table.add_row(*(f"{entry[name]:.6g}" for name in index), *shown, *more)
     Console().print(table)
     if choices:
         table = Table("seed", *choices[0], title="by what chooses the options")
@@ -110,7 +113,8 @@ def row(
         *(float(x) for x in numbers), None if np.isnan(error) else error,
         float(scores.lengths.mean()),
     )  # fmt: skip
-    return dict(zip(COLUMNS, values, strict=True)) | training.columns
+    known = {} if scores.success is None else {"success": float(scores.success.mean())}
+    return dict(zip(COLUMNS, values, strict=True)) | training.columns | known
 
 
 def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:

@@ -2,6 +2,7 @@ import functools
 import subprocess
 import sys
 import warnings
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,7 @@ from brax.training.acme import running_statistics
 from hitmdp_jax.agents import MOPG
 from hitmdp_jax.analysis import evaluation
 from hitmdp_jax.analysis.evaluation import Scores, score, score_in_jax
+from hitmdp_jax.analysis.trajectories import record
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.policy import Policy
@@ -30,6 +32,29 @@ def test_each_environment_scores_its_first_whole_episode(key):
     scores = score_in_jax(untrained(2, 1, key), Counter(), 3, key)
     np.testing.assert_array_equal(scores.returns, [5.0, 5.0, 5.0])
     np.testing.assert_array_equal(scores.lengths, [5, 5, 5])
+
+
+class Arrives(Counter):
+    """Reaches its goal at the fifth step, where the observed serial number is below a half."""
+
+    def reset(self, rng):
+        state: Any = super().reset(rng)
+        return state.replace(metrics={"success": jnp.zeros(())})
+
+    def step(self, state, action):
+        state = super().step(state, action)
+        reached = (state.obs[0] >= 5) & (state.obs[1] < 0.5)
+        return state.replace(metrics={"success": reached.astype(float)})
+
+
+def test_an_episode_succeeds_where_its_task_says_so_by_its_end(key):
+    policy = untrained(2, 1, key)
+    scores = score_in_jax(policy, Arrives(), 32, key)
+    recorded = record(policy, Arrives(), key, 32)
+    np.testing.assert_array_equal(scores.success, recorded.obs[0, :, 1] < 0.5)
+    assert scores.success is not None
+    assert 0 < scores.success.mean() < 1
+    assert score_in_jax(policy, Counter(), 3, key).success is None
 
 
 class CountsTraces(Counter):

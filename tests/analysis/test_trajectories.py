@@ -58,6 +58,7 @@ def test_every_engine_records_the_same_structure(recorded):
         "option_probs": ((steps, 3, 4), "float32"),
         "alive": ((steps, 3), "bool"),
         "terminated": ((3,), "bool"),
+        "success": None,
         "qpos": ((steps, 3, 2), "float32"),
         "qvel": ((steps, 3, 2), "float32"),
         "ctrl": ((steps, 3, 1), "float32"),
