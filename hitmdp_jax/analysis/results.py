@@ -58,7 +58,11 @@ class Cell:
 
 
 def publish(
-    run_dir: Path, folder: Path, evaluation: Mapping[str, np.ndarray], about: Mapping[str, Any]
+    run_dir: Path,
+    folder: Path,
+    evaluation: Mapping[str, np.ndarray],
+    about: Mapping[str, Any],
+    known: Cell | None = None,
 ) -> None:
     """Write what is kept of a finished run, in place of what the folder held.
 
@@ -67,15 +71,25 @@ def publish(
       folder: the cell's.
       evaluation: further columns [R] of the table of seeds.
       about: the command, versions and whatever else should be known of the run.
+      known: what the folder holds, if the run's seeds are to follow those.
     """
     config, metrics = RunConfig.load(run_dir), read_metrics(run_dir)
+    seeds, points = columns_of(config, metrics) | dict(evaluation), curve(config, metrics)
+    told = dict(about) | {"hours": round(minutes_of(metrics) / 60, 2)}
     beside = folder.with_name(f".{folder.name}")  # a cell is whole or not there
     shutil.rmtree(beside, ignore_errors=True)
-    beside.mkdir(parents=True)
-    _write(beside / SEEDS, columns_of(config, metrics) | dict(evaluation))
-    _write(beside / CURVE, curve(config, metrics))
+    if known:
+        shutil.copytree(folder, beside)
+        seeds = {name: np.concatenate([known.seeds[name], x]) for name, x in seeds.items()}
+        points = _side_by_side(_read(folder / CURVE), points)
+        told = _both(known.about, told)
+        both = known.config.seeds + config.seeds
+        config = dataclasses.replace(config, seed=known.config.seed, seeds=both)
+    else:
+        beside.mkdir(parents=True)
+    _write(beside / SEEDS, seeds)
+    _write(beside / CURVE, points)
     (beside / CONFIG).write_text(config.to_yaml())
-    told = dict(about) | {"hours": round(minutes_of(metrics) / 60, 2)}
     (beside / ABOUT).write_text(yaml.safe_dump(told, sort_keys=False, allow_unicode=True))
     shutil.rmtree(folder, ignore_errors=True)
     os.replace(beside, folder)
@@ -164,6 +178,27 @@ def curve(config: RunConfig, metrics: Mapping[str, np.ndarray]) -> Columns:
         "env_steps": np.concatenate(steps),
         "episode_return": np.concatenate(returns),
     }
+
+
+def _side_by_side(first: Columns, second: Columns) -> Columns:
+    """Return the curves of two runs as one of all their trainings would have them."""
+    number = len(set(first["env_steps"]))
+
+    def both(name: str) -> np.ndarray:
+        parts = [x[name].reshape(number, -1) for x in (first, second)]
+        return np.concatenate(parts, axis=1).ravel()
+
+    return {name: both(name) for name in first}
+
+
+def _both(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is told of two runs: hours add up, what differs is told of both."""
+    told = {
+        name: x if first[name] == x else f"{first[name]}; {x}"
+        for name, x in second.items()
+        if name != "hours"
+    }
+    return told | {"hours": round(first["hours"] + second["hours"], 2)}
 
 
 def _read(path: Path) -> Columns:

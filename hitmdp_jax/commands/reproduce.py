@@ -12,7 +12,8 @@ Targets:
   table1, table2, table3, figure11, options
            trains what the paper's table or figure shows, or tasks in which options should pay, one
            run after the other, publishes each in `results/` as soon as it is done and writes
-           docs/results.md; what is published is not trained again, what was stopped goes on.
+           docs/results.md; what is published is not trained again, seeds beyond those that are
+           follow them (`seeds=16`), what was stopped goes on.
            `tasks=` and `arms=` name a part of it (`table1 tasks=swimmer arms=mopg,ppo`); other
            settings are those of train.py (`seeds=4`).
   results  writes docs/results.md from what is published (`results=`, `page=`: other places)

@@ -4,6 +4,7 @@ import datetime
 import json
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -42,7 +43,7 @@ def read(name: str) -> Suite:
 
 
 def run_suite(name: str, arguments: Sequence[str]) -> int:
-    """Train, or go on with, every cell that is not published yet; return the exit code.
+    """Train, or go on with, whatever seeds are not published yet; return the exit code.
 
     Args:
       name: the suite's.
@@ -65,15 +66,21 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
     configs = configs_of(commands)
     wanted = [cell for cell, config in configs.items() if not _is_there(folder / cell, config)]
     for cell in wanted:
-        run_dir = RUNS / f"{cell}-{configs[cell].seed}-{configs[cell].seeds}"
-        if code := train_arms({run_dir.name: commands[cell]}, run_dir.parent):
+        known = results.read(folder / cell)
+        if known and known.swept:  # its seeds are not the last of its trainings
+            known = None
+        first = known.config.seeds if known else 0
+        seed, seeds = configs[cell].seed + first, configs[cell].seeds - first
+        missing = _last_of_each([*commands[cell], f"seeds={seeds}", f"seed={seed}"])
+        run_dir = RUNS / f"{cell}-{seed}-{seeds}"
+        if code := train_arms({run_dir.name: missing}, run_dir.parent):
             return code
         about = {
-            "command": shlex.join(["python", "train.py", *commands[cell]]),
+            "command": shlex.join(["python", "train.py", *missing]),
             "day": datetime.date.today().isoformat(),
             "with": ", ".join(versions()),
         }
-        results.publish(run_dir, folder / cell, evaluated(run_dir, configs[cell]), about)
+        results.publish(run_dir, folder / cell, evaluated(run_dir, configs[cell]), about, known)
         publish_more(run_dir, folder / cell, with_policy=cell.split("/")[1] in suite.policies)
         write_page(folder, Path(own["page"]))
         print(f"{cell}: published in {folder / cell}", flush=True)
@@ -94,8 +101,10 @@ def publish_more(run_dir: Path, folder: Path, with_policy: bool) -> None:
     if cell.swept:
         drawn = used_options.figure(cell.seeds, cell.swept, cell.num_options)
         drawn.savefig(folder / results.DRAWING, dpi=150)
-    if with_policy:
-        training = cell.config.trainings[int(np.nanargmax(cell.seeds["evaluation"]))]
+    training = cell.config.trainings[int(np.nanargmax(cell.seeds["evaluation"]))]
+    # Otherwise it is one of the seeds that were published before, as is its policy.
+    if with_policy and training in RunConfig.load(run_dir).trainings:
+        shutil.rmtree(folder / "policy", ignore_errors=True)
         extract(run_dir, folder / "policy", training.seed, setting=training.setting)
 
 

@@ -89,19 +89,26 @@ def test_success_is_that_of_the_episodes_at_the_end_and_only_where_the_task_know
     np.testing.assert_allclose(results.columns_of(config, metrics)["success"], expected)
 
 
-@pytest.fixture
-def cell(tmp_path):
-    """A published cell of two seeds, 3 and 4."""
-    run_dir, metrics = tmp_path / "run", made_up(np.random.default_rng(2), seeds=2)
+def trained(run_dir, metrics, seed):
+    """Write a run's folder, of the seeds from this one on."""
     run_dir.mkdir()
-    config = RunConfig(algo={"name": "mopg"}, env={"name": "swimmer"}, seeds=2, seed=3)
+    seeds, reports = metrics["env_steps"].shape
+    config = RunConfig(algo={"name": "mopg"}, env={"name": "swimmer"}, seeds=seeds, seed=seed)
     (run_dir / "config.yaml").write_text(config.to_yaml())
     with (run_dir / "metrics.csv").open("w") as file:
         writer = csv.writer(file)
         writer.writerow(["iteration", "seed", *metrics])
-        for t in range(150):
-            for i in range(2):
-                writer.writerow([t + 1, 3 + i, *(x[i, t] for x in metrics.values())])
+        for t in range(reports):
+            for i in range(seeds):
+                writer.writerow([t + 1, seed + i, *(x[i, t] for x in metrics.values())])
+    return config
+
+
+@pytest.fixture
+def cell(tmp_path):
+    """A published cell of two seeds, 3 and 4."""
+    run_dir, metrics = tmp_path / "run", made_up(np.random.default_rng(2), seeds=2)
+    config = trained(run_dir, metrics, 3)
     folder = tmp_path / "results" / "swimmer" / "mopg"
     for _ in range(2):  # a second time replaces the first
         results.publish(run_dir, folder, {"evaluation": np.array([1.5, np.nan])}, {"day": "today"})
@@ -125,6 +132,31 @@ def test_what_is_published_is_read_back(cell):
     curve, expected = results.read_curve(folder), results.curve(config, metrics)
     for name, x in curve.items():
         np.testing.assert_allclose(x.T.ravel(), expected[name], rtol=1e-6)
+
+
+def test_seeds_that_follow_make_the_cell_that_all_at_once_would(tmp_path):
+    metrics = made_up(np.random.default_rng(4), seeds=5)
+    parts = {"all": slice(5), "first": slice(3), "rest": slice(3, 5)}
+    for name, part in parts.items():
+        trained(tmp_path / name, {k: x[part] for k, x in metrics.items()}, 3 + (part.start or 0))
+
+    def publish(name, folder, known=None):
+        evaluation = {"evaluation": np.arange(5.0)[parts[name]]}
+        about = {"command": name, "with": "this"}
+        results.publish(tmp_path / name, tmp_path / folder, evaluation, about, known)
+
+    publish("all", "whole")
+    publish("first", "grown")
+    (tmp_path / "grown" / "policy").mkdir()
+    publish("rest", "grown", results.read(tmp_path / "grown"))
+    for name in (results.CONFIG, results.SEEDS, results.CURVE):
+        assert (tmp_path / "grown" / name).read_text() == (tmp_path / "whole" / name).read_text()
+    assert (tmp_path / "grown" / "policy").is_dir()
+    grown, whole = results.read(tmp_path / "grown"), results.read(tmp_path / "whole")
+    assert grown
+    assert whole
+    assert (grown.about["command"], grown.about["with"]) == ("first; rest", "this")
+    assert grown.about["hours"] == pytest.approx(2 * whole.about["hours"], abs=0.02)
 
 
 def test_a_cell_stands_for_fewer_seeds_and_no_other_setting(cell):

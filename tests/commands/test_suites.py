@@ -62,6 +62,14 @@ def test_a_suite_is_trained_published_and_not_trained_again(command, tmp_path):
     again = command("reproduce", *arguments[:-1], "seeds=1", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
     assert published.stat().st_mtime_ns == before
+    more = command("reproduce", *arguments[:-1], "seeds=3", cwd=tmp_path)
+    assert more.returncode == 0, more.stderr
+    assert published.read_text().splitlines()[:2] == [header, first]
+    assert published.read_text().splitlines()[3].startswith("102,")
+    page = (tmp_path / "docs" / "results.md").read_text()
+    assert "| mopg | 3 |" in page
+    assert "seeds=2 seed=100" in page
+    assert "seeds=1 seed=102" in page
     written = command("reproduce", "results", cwd=tmp_path)
     assert written.returncode == 0, written.stderr
     assert (tmp_path / "docs" / "results.md").read_text() == page
