@@ -36,7 +36,9 @@ commands below made; nothing here is typed by hand. Returns are undiscounted.
 - *options, duration*: seeds in which two options or more have at least 5% of the last 100k steps
   each, and how many steps the option used most lasts (median of seeds);
 - *choices*: do options matter? IQM of the training policy's episodes with its own choices, with
-  uniform ones at every step, and with the best and the worst option of each seed kept throughout.
+  uniform ones at every step, and with the best and the worst option of each seed kept throughout;
+- *own minus uniform*: the IQM over seeds of the difference that a seed's own choices make, with its
+  95% bootstrap interval. Where it holds zero, choosing was worth nothing.
 """
 
 
@@ -128,7 +130,7 @@ def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:
     header += [f"minus {suite.control} [95% interval]", "P(better)"] if control else []
     succeeds = "success" in first.seeds
     header += ["success"] if succeeds else []
-    header += ["deterministic", "options, duration", "choices", "paper"]
+    header += ["deterministic", "options, duration", "choices", "own minus uniform", "paper"]
     rows = [header]
     spec = rounding(*(cell.seeds["last_100k_steps"] for cell in cells.values()))
     with_interval = functools.partial(statistics.with_interval, spec=spec)
@@ -143,7 +145,7 @@ def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:
             row += _against(seeds["last_100k_steps"], control.seeds["last_100k_steps"], spec)
         row += [_spread(seeds["success"], ".2f")] if succeeds else []
         printed = suite.paper.get(arm, {}).get(task, np.nan)
-        row += [_spread(seeds["evaluation"], spec), _options(seeds), _choices(seeds, spec)]
+        row += [_spread(seeds["evaluation"], spec), _options(seeds), *_choices(seeds)]
         rows.append([*row, number(printed)])
     return rows
 
@@ -163,11 +165,14 @@ def _options(seeds: Columns) -> str:
     return f"{(used >= 2).sum()}/{len(used)}, {number(duration)}"
 
 
-def _choices(seeds: Columns, spec: str) -> str:
+def _choices(seeds: Columns) -> list[str]:
     if "own_choices" not in seeds:
-        return "-"
+        return ["-", "-"]
     names = ("own_choices", "uniform_choices", "best_option", "worst_option")
-    return " / ".join(number(float(interquartile_mean(seeds[name])), spec) for name in names)
+    every = [seeds[name] for name in names]
+    spec = rounding(*every)
+    gain = statistics.with_interval(interquartile_mean, every[0] - every[1], spec=".2f")
+    return [" / ".join(number(float(interquartile_mean(x)), spec) for x in every), gain]
 
 
 def _by_setting(cell: Cell) -> Rows:
