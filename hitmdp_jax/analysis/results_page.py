@@ -91,6 +91,8 @@ def section(name: str, suite: Suite, results: Path, link: str) -> str:
     parts = [f"## {suite.title}\n", suite.about, ""]
     parts += [suite.elsewhere, ""] if suite.elsewhere else []
     parts += [f"`python -m hitmdp_jax.reproduce {name}` makes it, or goes on with it.", ""]
+    if (results / f"{name}.png").is_file():
+        parts += [f"![mean and standard deviation of the seeds' returns]({link}/{name}.png)\n"]
     for task, published in cells.items():
         if published:
             parts += [f"### {task}\n", markdown(table(suite, task, published))]

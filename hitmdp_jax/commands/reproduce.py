@@ -16,7 +16,11 @@ Targets:
            follow them (`seeds=16`), what was stopped goes on.
            `tasks=` and `arms=` name a part of it (`table1 tasks=swimmer arms=mopg,ppo`); other
            settings are those of train.py (`seeds=4`).
-  results  writes docs/results.md from what is published (`results=`, `page=`: other places)
+  figure3, figure4
+           the same of table1 and table2, and of table3, whose learning curves these figures show:
+           results/table1.png and so on
+  results  writes docs/results.md from what is published, and draws it (`results=`, `page=`: other
+           places)
   curves   draws all published curves, seeds and profiles on one page, results.html
 
 Figures of a trained run: `python -m hitmdp_jax.reproduce FIGURE RUN_DIR` writes it into

@@ -1,6 +1,7 @@
 """The paper's tables, and other fixed sets of runs: trained, published, and told of on one page."""
 
 import datetime
+import functools
 import json
 import os
 import shlex
@@ -15,7 +16,7 @@ import numpy as np
 import yaml
 
 import hitmdp_jax
-from hitmdp_jax.analysis import causal, results, used_options
+from hitmdp_jax.analysis import causal, results, results_figure, used_options
 from hitmdp_jax.analysis.results_page import Suite, page, section
 from hitmdp_jax.commands.arms import configs_of, named, train_arms
 from hitmdp_jax.errors import UsageError, unknown_name
@@ -82,9 +83,29 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
         }
         results.publish(run_dir, folder / cell, evaluated(run_dir, configs[cell]), about, known)
         publish_more(run_dir, folder / cell, with_policy=cell.split("/")[1] in suite.policies)
-        write_page(folder, Path(own["page"]))
+        tell(folder, Path(own["page"]))
         print(f"{cell}: published in {folder / cell}", flush=True)
     print(section(name, suite, folder, str(folder)))
+    return 0
+
+
+def run_figure(suites: Sequence[str], arguments: Sequence[str]) -> int:
+    """Run the suites whose curves a figure of the paper shows; return the exit code.
+
+    Args:
+      suites: their names.
+      arguments: as those of `run_suite`; `tasks=` of any of them.
+
+    Raises:
+      UsageError: as `run_suite`.
+    """
+    tasks = {name: read(name).tasks for name in suites}
+    every = {task: None for of_suite in tasks.values() for task in of_suite}
+    chosen = _chosen("task", _own(arguments)[0]["tasks"], every)
+    for name in suites:
+        mine = ",".join(task for task in chosen if task in tasks[name])
+        if mine and (code := run_suite(name, [*arguments, f"tasks={mine}"])):
+            return code
     return 0
 
 
@@ -111,7 +132,7 @@ def publish_more(run_dir: Path, folder: Path, with_policy: bool) -> None:
 def report(arguments: Sequence[str]) -> int:
     """Write the page of everything that is published; Raises as `_places`."""
     folder, path = _places(arguments, OWN["page"])
-    write_page(folder, path)
+    tell(folder, path)
     print(f"Written: {path}.")
     return 0
 
@@ -139,6 +160,14 @@ def _places(arguments: Sequence[str], page: str) -> tuple[Path, Path]:
             raise unknown_name("setting", text.split("=", 1)[0], given)
     given |= named(arguments)
     return Path(given["results"]), Path(given["page"])
+
+
+def tell(folder: Path, path: Path) -> None:
+    """Draw the curves of each suite's published cells beside them, and write the page of them."""
+    for name in names():
+        if drawn := results_figure.figure(read(name), folder):
+            drawn.savefig(folder / f"{name}.png", dpi=100)
+    write_page(folder, path)
 
 
 def write_page(folder: Path, path: Path) -> None:
@@ -208,6 +237,9 @@ def _is_there(folder: Path, config: RunConfig) -> bool:
 
 TARGETS: dict[str, Callable[[list[str]], int]] = {
     **{name: lambda arguments, name=name: run_suite(name, arguments) for name in names()},
+    # As sec. 4 and App. B.1 draw them: single tasks without an end and with one, and transfer.
+    "figure3": functools.partial(run_figure, ("table1", "table2")),
+    "figure4": functools.partial(run_figure, ("table3",)),
     "results": report,
     "curves": draw,
 }

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hitmdp_jax
+from hitmdp_jax.analysis.results_page import page
 from hitmdp_jax.commands import suites
 from hitmdp_jax.commands.arms import configs_of
 from tests.commands.conftest import CHECKOUT, SMALL
@@ -27,9 +28,10 @@ def test_every_cell_of_a_suite_can_be_run_and_the_paper_speaks_of_no_other(name)
     assert {t for tasks in suite.paper.values() for t in tasks} <= set(suite.tasks)
 
 
-def test_the_page_is_that_of_the_published_results(tmp_path):
-    suites.write_page(CHECKOUT / "results", tmp_path / "results.md")
-    assert (tmp_path / "results.md").read_text() == (CHECKOUT / "docs/results.md").read_text()
+def test_the_page_is_that_of_the_published_results():
+    every = {name: suites.read(name) for name in suites.names()}
+    written = page(every, CHECKOUT / "results", "../results")
+    assert written == (CHECKOUT / "docs/results.md").read_text()
 
 
 def test_published_policies_are_small_and_can_be_loaded():
@@ -48,10 +50,10 @@ def test_a_suite_is_trained_published_and_not_trained_again(command, tmp_path):
     arguments = ["table2", *part]
     result = command("reproduce", *arguments, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    page = (tmp_path / "docs" / "results.md").read_text()
-    assert "| mopg | 2 |" in page
-    assert "Not run: walker2d (mopg, mopg-printed, ppo, dac" in page
-    assert "python train.py env=invertedpendulum algo=mopg physics=native" in page
+    told = (tmp_path / "docs" / "results.md").read_text()
+    assert "| mopg | 2 |" in told
+    assert "Not run: walker2d (mopg, mopg-printed, ppo, dac" in told
+    assert "python train.py env=invertedpendulum algo=mopg physics=native" in told
     published = tmp_path / "results" / "invertedpendulum" / "mopg" / "seeds.csv"
     header, first, _ = published.read_text().splitlines()
     assert header.startswith("seed,last_20_episodes,last_100k_steps,options_used,")
@@ -66,13 +68,19 @@ def test_a_suite_is_trained_published_and_not_trained_again(command, tmp_path):
     assert more.returncode == 0, more.stderr
     assert published.read_text().splitlines()[:2] == [header, first]
     assert published.read_text().splitlines()[3].startswith("102,")
-    page = (tmp_path / "docs" / "results.md").read_text()
-    assert "| mopg | 3 |" in page
-    assert "seeds=2 seed=100" in page
-    assert "seeds=1 seed=102" in page
+    told = (tmp_path / "docs" / "results.md").read_text()
+    assert "| mopg | 3 |" in told
+    assert "seeds=2 seed=100" in told
+    assert "seeds=1 seed=102" in told
     written = command("reproduce", "results", cwd=tmp_path)
     assert written.returncode == 0, written.stderr
-    assert (tmp_path / "docs" / "results.md").read_text() == page
+    assert (tmp_path / "docs" / "results.md").read_text() == told
+    assert (tmp_path / "results" / "table2.png").is_file()
+    assert "(../results/table2.png)" in told
+    figure = command("reproduce", "figure3", *arguments[1:-1], "seeds=3", cwd=tmp_path)
+    assert figure.returncode == 0, figure.stderr
+    assert "### invertedpendulum" in figure.stdout
+    assert "Table 1" not in figure.stdout  # the task is Table 2's
     drawn = command("reproduce", "curves", cwd=tmp_path)
     assert drawn.returncode == 0, drawn.stderr
     assert "mopg, seed 101" in (tmp_path / "results.html").read_text()
@@ -87,6 +95,8 @@ def test_a_suite_is_trained_published_and_not_trained_again(command, tmp_path):
         (["table1", "tasks=swimer"], "Unknown task 'swimer'; did you mean 'swimmer'?"),
         (["table1", "arms=mopg,dca"], "Unknown arm 'dca'; did you mean 'dac'?"),
         (["table1", "total_step=5"], "Unknown setting 'total_step'"),
+        (["figure3", "tasks=cheetah"], "Unknown task 'cheetah'; did you mean 'halfcheetah'?"),
+        (["figure4", "tasks=ant"], "Unknown task 'ant'"),
         (["curves", "tasks=ant"], "Unknown setting 'tasks'"),
         (["results", "pages=a.md"], "Unknown setting 'pages'; did you mean 'page'?"),
     ],

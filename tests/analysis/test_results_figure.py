@@ -1,0 +1,30 @@
+"""Published curves as a figure, against a plain reading of their files."""
+
+import csv
+
+import numpy as np
+
+from hitmdp_jax.analysis.results_figure import figure
+from hitmdp_jax.commands import suites
+from tests.commands.conftest import CHECKOUT
+
+RESULTS = CHECKOUT / "results"
+
+
+def test_a_panel_shows_the_mean_of_every_published_arm():
+    drawn = figure(suites.read("table1"), RESULTS)
+    assert drawn is not None
+    panels = {axes.get_title(): axes for axes in drawn.axes}
+    assert {"halfcheetah", "swimmer", "humanoidstandup", "reacher"} == set(panels)
+    (line,) = [x for x in panels["swimmer"].lines if str(x.get_label()).startswith("ppo, 16 seeds")]
+    with (RESULTS / "swimmer" / "ppo" / "curve.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    steps = sorted({float(row["env_steps"]) for row in rows})
+    last = [float(row["episode_return"]) for row in rows if float(row["env_steps"]) in steps[-3:]]
+    x, y = (np.asarray(values, float) for values in line.get_data())
+    assert x[-1] == steps[-1]
+    np.testing.assert_allclose(y[-1], np.mean(last))
+
+
+def test_what_is_not_published_is_not_drawn(tmp_path):
+    assert figure(suites.read("table1"), tmp_path) is None
