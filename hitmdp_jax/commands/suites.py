@@ -165,8 +165,10 @@ def _places(arguments: Sequence[str], page: str) -> tuple[Path, Path]:
 def tell(folder: Path, path: Path) -> None:
     """Draw the curves of each suite's published cells beside them, and write the page of them."""
     for name in names():
+        curves = folder / f"{name}.png"
+        curves.unlink(missing_ok=True)
         if drawn := results_figure.figure(read(name), folder):
-            drawn.savefig(folder / f"{name}.png", dpi=100)
+            drawn.savefig(curves, dpi=100)
     write_page(folder, path)
 
 
