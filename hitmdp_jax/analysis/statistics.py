@@ -86,8 +86,11 @@ def rounding(*strata: ArrayLike, fewer: int = 0) -> str:
 
 
 def number(x: float, spec: str = ".1f") -> str:
-    """Return a number as a table shows it: "-" where it is not known (NaN)."""
-    return "-" if math.isnan(x) else format(x, spec)
+    """Return a number as a table shows it: "-" where it is not known (NaN), and no -0.00."""
+    if math.isnan(x):
+        return "-"
+    shown = format(x, spec)
+    return shown.lstrip("-") if float(shown) == 0 else shown
 
 
 def with_interval(statistic: Callable[..., Any], *strata: ArrayLike, spec: str = ".1f") -> str:

@@ -100,7 +100,7 @@ def test_an_unknown_score_is_not_trimmed_away():
 
 
 def test_an_unknown_number_is_a_dash():
-    assert [number(x) for x in (1234.56, float("nan"))] == ["1234.6", "-"]
+    assert [number(x) for x in (1234.56, float("nan"), -0.04)] == ["1234.6", "-", "0.0"]
 
 
 def test_a_table_shows_small_returns_by_a_digit_more():
