@@ -9,10 +9,9 @@ import numpy as np
 from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
 from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.analysis.statistics import (
-    difference,
+    against,
     interquartile_mean,
     number,
-    probability_of_improvement,
     rounding,
     with_interval,
 )
@@ -88,17 +87,13 @@ def table(arms: Sequence[Arm]) -> list[list[str]]:
     returns = [arm.final_returns for arm in arms]
     spec, of_each = rounding(*returns), rounding(*returns, fewer=1)
     for arm in arms:
-        x, y = arm.final_returns, arm.control
-        against = ["", ""]
-        if x is not y:
-            better = float(probability_of_improvement(x, y))
-            against = [with_interval(difference, x, y, spec=spec), number(better, ".2f")]
+        x = arm.final_returns
         lasting = "-" if np.isnan(arm.used).all() else f"{(arm.used >= 2).sum()}/{len(x)} use 2+"
         rows.append(
             [
                 arm.name,
                 with_interval(interquartile_mean, x, spec=spec),
-                *against,
+                *against(x, arm.control, spec),
                 f"{arm.failed}/{len(x)}",
                 lasting,
                 number(float(np.median(arm.duration))),

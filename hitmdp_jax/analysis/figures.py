@@ -75,12 +75,20 @@ def draw_seeds(
     return.
     """
     steps, returns = metrics["env_steps"][0], smooth(metrics["episode_return"])
+    draw_mean(axes, steps, returns, color, label)
+    if len(returns) > 1:
+        axes.plot(steps, returns.T, color=color, lw=THIN, alpha=FAINT)
+
+
+def draw_mean(
+    axes: Axes, steps: np.ndarray, returns: np.ndarray, color: str, label: str | None = None
+) -> None:
+    """Draw the mean and standard deviation of seeds' curves [S, n] where all of them are known."""
     known = ~np.isnan(returns).any(axis=0)
     mean, std = returns[:, known].mean(axis=0), returns[:, known].std(axis=0)
     axes.plot(steps[known], mean, color=color, label=label)
     if len(returns) > 1:
         axes.fill_between(steps[known], mean - std, mean + std, color=color, alpha=0.2, lw=0)
-        axes.plot(steps, returns.T, color=color, lw=THIN, alpha=FAINT)
 
 
 def label_steps(axes: Axes) -> None:

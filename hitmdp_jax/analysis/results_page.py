@@ -10,10 +10,9 @@ import numpy as np
 from hitmdp_jax.analysis import statistics
 from hitmdp_jax.analysis.results import DRAWING, EPISODES, Cell, Columns, read
 from hitmdp_jax.analysis.statistics import (
-    difference,
+    against,
     interquartile_mean,
     number,
-    probability_of_improvement,
     rounding,
 )
 from hitmdp_jax.analysis.tables import Rows, markdown
@@ -62,6 +61,13 @@ class Suite:
         names = {text.split("=", 1)[0] for text in own}
         return [*own, *(text for text in self.settings if text.split("=", 1)[0] not in names)]
 
+    def published(self, results: Path) -> dict[str, dict[str, Cell]]:
+        """Return the cells that lie in a folder, by task and arm."""
+        return {
+            task: {arm: cell for arm in self.arms if (cell := read(results / task / arm))}
+            for task in self.tasks
+        }
+
 
 def page(suites: Mapping[str, Suite], results: Path, link: str) -> str:
     """Return the page, in Markdown.
@@ -84,10 +90,7 @@ def section(name: str, suite: Suite, results: Path, link: str) -> str:
       results: the folder of the published cells.
       link: that folder as the page names it.
     """
-    cells = {
-        task: {arm: cell for arm in suite.arms if (cell := read(results / task / arm))}
-        for task in suite.tasks
-    }
+    cells = suite.published(results)
     parts = [f"## {suite.title}\n", suite.about, ""]
     parts += [suite.elsewhere, ""] if suite.elsewhere else []
     parts += [f"`python -m hitmdp_jax.reproduce {name}` makes it, or goes on with it.", ""]
@@ -144,19 +147,12 @@ def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:
             names = ("first_task", "whole_second_task")
             row += [with_interval(interquartile_mean, seeds[name]) for name in names]
         if control:
-            row += _against(seeds["last_100k_steps"], control.seeds["last_100k_steps"], spec)
+            row += against(seeds["last_100k_steps"], control.seeds["last_100k_steps"], spec)
         row += [_spread(seeds["success"], ".2f")] if succeeds else []
         printed = suite.paper.get(arm, {}).get(task, np.nan)
         row += [_spread(seeds["evaluation"], spec), _options(seeds), *_choices(seeds)]
         rows.append([*row, number(printed)])
     return rows
-
-
-def _against(x: np.ndarray, control: np.ndarray, spec: str) -> list[str]:
-    if x is control:
-        return ["", ""]
-    better = float(probability_of_improvement(x, control))
-    return [statistics.with_interval(difference, x, control, spec=spec), number(better, ".2f")]
 
 
 def _options(seeds: Columns) -> str:

@@ -101,3 +101,21 @@ def with_interval(statistic: Callable[..., Any], *strata: ArrayLike, spec: str =
     values = float(statistic(*strata)), *bootstrap_interval(statistic, *strata)
     middle, low, high = (number(value, spec) for value in values)
     return f"{middle} [{low}, {high}]"
+
+
+def against(x: np.ndarray, control: np.ndarray, spec: str = ".1f") -> list[str]:
+    """Return how scores compare with a control's, as two fields of a table.
+
+    Args:
+      x: the scores [S].
+      control: the control's [S'].
+      spec: of the difference; `number`'s.
+
+    Returns:
+      The difference with its interval, and the probability of improvement; of the control itself,
+      nothing.
+    """
+    if x is control:
+        return ["", ""]
+    better = float(probability_of_improvement(x, control))
+    return [with_interval(difference, x, control, spec=spec), number(better, ".2f")]

@@ -122,11 +122,12 @@ def publish_more(run_dir: Path, folder: Path, with_policy: bool) -> None:
     if cell.swept:
         drawn = used_options.figure(cell.seeds, cell.swept, cell.num_options)
         drawn.savefig(folder / results.DRAWING, dpi=150)
-    training = cell.config.trainings[int(np.nanargmax(cell.seeds["evaluation"]))]
-    # Otherwise it is one of the seeds that were published before, as is its policy.
-    if with_policy and training in RunConfig.load(run_dir).trainings:
-        shutil.rmtree(folder / "policy", ignore_errors=True)
-        extract(run_dir, folder / "policy", training.seed, setting=training.setting)
+    if with_policy:
+        best = cell.config.trainings[int(np.nanargmax(cell.seeds["evaluation"]))]
+        # Otherwise it is one of the seeds that were published before, as is its policy.
+        if best in RunConfig.load(run_dir).trainings:
+            shutil.rmtree(folder / "policy", ignore_errors=True)
+            extract(run_dir, folder / "policy", best.seed, setting=best.setting)
 
 
 def report(arguments: Sequence[str]) -> int:
@@ -164,19 +165,15 @@ def _places(arguments: Sequence[str], page: str) -> tuple[Path, Path]:
 
 def tell(folder: Path, path: Path) -> None:
     """Draw the curves of each suite's published cells beside them, and write the page of them."""
-    for name in names():
+    every = {name: read(name) for name in names()}
+    for name, suite in every.items():
         curves = folder / f"{name}.png"
         curves.unlink(missing_ok=True)
-        if drawn := results_figure.figure(read(name), folder):
+        if drawn := results_figure.figure(suite, folder):
             drawn.savefig(curves, dpi=100)
-    write_page(folder, path)
-
-
-def write_page(folder: Path, path: Path) -> None:
-    """Write the page of the cells that are published in a folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
     link = Path(os.path.relpath(folder, path.parent)).as_posix()
-    path.write_text(page({name: read(name) for name in names()}, folder, link))
+    path.write_text(page(every, folder, link))
 
 
 def evaluated(run_dir: Path, config: RunConfig) -> dict[str, np.ndarray]:
