@@ -68,6 +68,21 @@ def test_every_engine_steps_as_mujoco_does(engine, integrator, current_fields):
     assert not after.unstable
 
 
+def test_mjx_multiplies_at_full_precision_on_every_device():
+    """Where MJX leaves it open, a GPU would round factors to ten bits."""
+    env = make_env("humanoid", physics="mjx")  # of whose states some fields are derived
+    state = jax.eval_shape(env.reset, jax.random.key(0))
+    action = jax.ShapeDtypeStruct((env.action_size,), "float32")
+    for lowered in (
+        jax.jit(env.reset).lower(jax.random.key(0)),
+        jax.jit(env.step).lower(state, action),
+    ):
+        lines = lowered.as_text().splitlines()
+        products = [line for line in lines if "stablehlo.dot_general" in line]
+        assert products
+        assert all("precision = [HIGHEST, HIGHEST]" in line for line in products)
+
+
 @pytest.mark.parametrize("engine", [MjxEngine(), WarpEngine()])
 def test_mjx_takes_newton_for_pgs_and_the_task_budget(engine):
     model = load_gymnasium_model("humanoid.xml")
