@@ -2,9 +2,10 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 from mujoco import mjx
@@ -99,18 +100,19 @@ class MjxPhysics:
         state = blank_state(self.model, qpos, qvel)
         if not self._fields:
             return state
-        data = mjx.forward(self._mjx_model, self._load(state))
+        data = mjx.forward(_without_empty_constants(self._mjx_model), self._load(state))
         return state.replace(derived=self._read(data))
 
     @full_precision
     def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
         """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
+        model = _without_empty_constants(self._mjx_model)
 
         def substep(carry: PhysicsState, _: None) -> tuple[PhysicsState, None]:
-            data = mjx.step(self._mjx_model, self._load(carry))
+            data = mjx.step(model, self._load(carry))
             if "cfrc_ext" in self._fields:
                 # Only the last substep's are read, but all are cheap beside the solver.
-                data = mjx.rne_postconstraint(self._mjx_model, data)
+                data = mjx.rne_postconstraint(model, data)
             carry = carry.replace(
                 qpos=data.qpos,
                 qvel=data.qvel,
@@ -122,12 +124,12 @@ class MjxPhysics:
         after, _ = jax.lax.scan(substep, state.replace(ctrl=ctrl), length=self.frame_skip)
         if self._current_fields:
             # Of this, XLA keeps what leads to the fields: kinematics, not contacts or the solver.
-            data = mjx.forward(self._mjx_model, self._load(after))
+            data = mjx.forward(model, self._load(after))
             after = after.replace(derived=self._read(data))
         return after.replace(displacement=after.qpos - state.qpos, unstable=beyond_limits(after))
 
     def _load(self, state: PhysicsState) -> mjx.Data:
-        return self._blank.replace(
+        return _without_empty_constants(self._blank).replace(
             qpos=state.qpos,
             qvel=state.qvel,
             ctrl=state.ctrl,
@@ -142,3 +144,11 @@ class MjxPhysics:
             field: getattr(own if hasattr(own, field) else data, field).reshape(shape)
             for field, shape in self._field_shapes.items()
         }
+
+
+def _without_empty_constants(tree: Any) -> Any:
+    """Make the arrays without elements anew in the program that is being traced.
+
+    Where one that it closes over is spread over devices, jaxlib 0.11's compiler crashes.
+    """
+    return jax.tree.map(lambda x: x if x.size else jnp.zeros(x.shape, x.dtype), tree)

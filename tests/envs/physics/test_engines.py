@@ -1,4 +1,5 @@
 import os
+import re
 
 import jax
 import mujoco
@@ -68,19 +69,29 @@ def test_every_engine_steps_as_mujoco_does(engine, integrator, current_fields):
     assert not after.unstable
 
 
-def test_mjx_multiplies_at_full_precision_on_every_device():
-    """Where MJX leaves it open, a GPU would round factors to ten bits."""
-    env = make_env("humanoid", physics="mjx")  # of whose states some fields are derived
+def mjx_programs(name):
+    """Return the lines of what XLA is given of a task: of its reset and of its step."""
+    env = make_env(name, physics="mjx")
     state = jax.eval_shape(env.reset, jax.random.key(0))
     action = jax.ShapeDtypeStruct((env.action_size,), "float32")
-    for lowered in (
-        jax.jit(env.reset).lower(jax.random.key(0)),
-        jax.jit(env.step).lower(state, action),
-    ):
-        lines = lowered.as_text().splitlines()
-        products = [line for line in lines if "stablehlo.dot_general" in line]
+    lowered = jax.jit(env.reset).lower(jax.random.key(0)), jax.jit(env.step).lower(state, action)
+    return [program.as_text().splitlines() for program in lowered]
+
+
+def test_mjx_multiplies_at_full_precision_on_every_device():
+    """Where MJX leaves it open, a GPU would round factors to ten bits."""
+    for program in mjx_programs("humanoid"):  # of whose states some fields are derived
+        products = [line for line in program if "stablehlo.dot_general" in line]
         assert products
         assert all("precision = [HIGHEST, HIGHEST]" in line for line in products)
+
+
+def test_mjx_closes_over_no_empty_array():
+    """They crash the compiler of jaxlib 0.11 where a program is spread over devices."""
+    for program in mjx_programs("halfcheetah"):
+        constants = [line for line in program if "stablehlo.constant" in line]
+        assert constants
+        assert not [line for line in constants if re.search(r"tensor<(\d+x)*0x", line)]
 
 
 @pytest.mark.parametrize("engine", [MjxEngine(), WarpEngine()])
