@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -132,7 +132,7 @@ def brax_ppo(env: str, size: Size, seconds: float) -> Figures:
     start, reports = time.perf_counter(), []
     samples = size.num_envs * size.rollout_length
 
-    def progress(env_steps: int, metrics: dict[str, Any]) -> None:
+    def progress(env_steps: int, metrics: Mapping[str, Any]) -> None:
         reports.append((time.perf_counter(), metrics))
 
     # Reports come with evaluations, whose time is not counted: an episode of one environment.
