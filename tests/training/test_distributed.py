@@ -165,6 +165,6 @@ def test_more_processes_than_work_are_refused(start_two):
 def test_variables_that_tell_of_no_processes_are_refused(variables, part):
     command = [sys.executable, "-m", "hitmdp_jax.train", "distributed=true", *QUICK]
     environment = os.environ | {"PYTHONPATH": str(CHECKOUT)} | variables
-    out = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    out = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
     assert out.returncode == 2
     assert part in out.stderr.splitlines()[-1]
