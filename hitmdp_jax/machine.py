@@ -1,4 +1,4 @@
-"""What this process runs on: the cores that it may use, their name, and the packages' versions."""
+"""What a process runs on, and a run was made with: cores, the device, the packages' versions."""
 
 import importlib.metadata
 import os
@@ -8,6 +8,7 @@ from pathlib import Path
 import jax
 
 PACKAGES = ("hitmdp-jax", "jax", "jaxlib", "flax", "optax", "brax", "mujoco", "mujoco-mjx", "numpy")
+MADE_WITH = "made_with.txt"  # in a run's folder: a line for whatever trained a part of it
 CPU_INFO = Path("/proc/cpuinfo")  # on Linux
 
 
@@ -24,6 +25,20 @@ def versions() -> list[str]:
     device = jax.devices()[0]
     kind = processor() if device.platform == "cpu" else device.device_kind
     return [*found, f"Python {platform.python_version()}", f"{device.platform} ({kind})"]
+
+
+def note_versions(run_dir: Path) -> None:
+    """Note what trains a run from here on, in its folder."""
+    path, now = run_dir / MADE_WITH, ", ".join(versions())
+    before = path.read_text().splitlines() if path.is_file() else []
+    if before[-1:] != [now]:
+        path.write_text("\n".join([*before, now]) + "\n")
+
+
+def made_with(run_dir: Path) -> str:
+    """Return what trained a run, on whatever machine it is asked for."""
+    path = run_dir / MADE_WITH
+    return "; then ".join(path.read_text().splitlines()) if path.is_file() else "unknown versions"
 
 
 def processor() -> str:

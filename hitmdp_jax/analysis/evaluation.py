@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import json
 import math
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -59,8 +60,6 @@ def score(
 ) -> Scores:
     """Run a policy for some episodes of its own task.
 
-    The policies of a run's seeds, scored one after the other, share one compilation.
-
     Args:
       policy: what acts.
       config: the settings of the run it comes from.
@@ -79,6 +78,43 @@ def score(
         recorded = record_in_gymnasium(policy, task, key, episodes, deterministic=deterministic)
         return Scores(np.asarray(recorded.returns), np.asarray(recorded.lengths))
     return score_in_jax(policy, task_env(config, engine), episodes, key, deterministic)
+
+
+def score_each(
+    policies: Policy,
+    config: RunConfig,
+    engine: str,
+    episodes: int,
+    keys: Sequence[jax.Array],
+    deterministic: bool = False,
+) -> list[Scores]:
+    """Run the policies of several trainings side by side, each as `score` does.
+
+    Args:
+      policies: their leaves [R, ...].
+      config: the settings of the run they come from.
+      engine: as `score`; Gymnasium runs them one after the other.
+      episodes: how many, of each policy.
+      keys: R PRNG keys.
+      deterministic: as `score`.
+
+    Returns:
+      R scores, in order.
+
+    Raises:
+      UsageError: as `score`.
+    """
+    check_request(config, engine, episodes)
+    if engine == "gymnasium":
+        everyone = [(policies.of(i), key) for i, key in enumerate(keys)]
+        return [score(one, config, engine, episodes, key, deterministic) for one, key in everyone]
+    env = task_env(config, engine)
+    check_fit(policies.of(0), env)
+    returns, lengths, success = jax.device_get(
+        _of_each(policies, env, jnp.stack(keys), episodes, deterministic)
+    )
+    known = [None] * len(keys) if success is None else success
+    return [Scores(*of_one) for of_one in zip(returns, lengths, known, strict=True)]
 
 
 def task_env(config: RunConfig, engine: str) -> Env:
@@ -120,6 +156,16 @@ def _totals(
 ) -> tuple[jax.Array, jax.Array, jax.Array | None]:
     recorded = record(policy, env, key, episodes, deterministic=deterministic)
     return recorded.returns, recorded.lengths, recorded.success
+
+
+@functools.partial(jax.jit, static_argnames=("env", "episodes", "deterministic"))
+def _of_each(
+    policies: Policy, env: Env, keys: jax.Array, episodes: int, deterministic: bool
+) -> tuple[jax.Array, jax.Array, jax.Array | None]:
+    def of_one(number: jax.Array, key: jax.Array):
+        return _totals(policies.of(number), env, key, episodes, deterministic)
+
+    return jax.vmap(of_one)(jnp.arange(len(keys)), keys)
 
 
 @functools.lru_cache(maxsize=1)

@@ -35,7 +35,7 @@ from hitmdp_jax.analysis.sweeps import table as sweep_table
 from hitmdp_jax.analysis.tables import Rows
 from hitmdp_jax.envs import check_env
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.machine import versions
+from hitmdp_jax.machine import made_with
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.sweep import label
 
@@ -188,7 +188,7 @@ class RunReport:
                 [f"return of the last {FINAL_STEPS:,} steps", score],
                 *each,
                 ["time", f"about {minutes} minutes" if minutes > 1 else "about a minute"],
-                ["made with", ", ".join(versions())],
+                ["made with", made_with(self.run_dir)],
             ]
         )
 
@@ -382,7 +382,8 @@ def compare(runs: Mapping[str, tuple[Path, RunConfig]]) -> str:
 
     def commands() -> Parts:
         yield preformatted("\n".join(command(config) for config in configs.values()))
-        yield text("Made with " + ", ".join(versions()) + ".")
+        made = dict.fromkeys(made_with(folder) for folder, _ in runs.values())
+        yield text("Made with " + "; and ".join(made) + ".")
 
     titles = sorted({config.title for config in configs.values()})
     sections = {

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from hitmdp_jax.analysis.causal import WITHOUT_EACH_OPTION, summary
 from hitmdp_jax.analysis.directed import number_of_options
-from hitmdp_jax.analysis.evaluation import ENGINES, Scores, check_request, score, task_env
+from hitmdp_jax.analysis.evaluation import ENGINES, Scores, check_request, score_each, task_env
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.commands.policies import checkpoint_named
 from hitmdp_jax.commands.settings import Parser, guarded
@@ -60,24 +60,28 @@ def _main() -> None:
     chosen = places(config, options.seed, options.setting)
     engine = config.physics if options.engine is None else options.engine
     check_request(config, engine, options.episodes)
-    side_by_side = options.episodes
+    side_by_side = options.episodes * len(chosen)
     if options.choices:
         if engine == "gymnasium":
             raise UsageError("--choices needs an engine of JAX: one of native, mjx, warp.")
         number = number_of_options(config.make_agent())
-        side_by_side *= number + WITHOUT_EACH_OPTION
+        side_by_side = max(side_by_side, options.episodes * (number + WITHOUT_EACH_OPTION))
     set_up_host(engine if engine != "gymnasium" else config.physics, side_by_side)
     iteration, everyone = load_all(options.run_dir, checkpoint_named(options.checkpoint))
-    rows, choices = [], []
-    for place in chosen:
-        training = config.trainings[place]
-        key = jax.random.key(training.seed + SEED_OFFSET)
-        policy = everyone.of(place)
-        scores = score(policy, config, engine, options.episodes, key, options.deterministic)
-        rows.append(row(scores, iteration, training, engine, options.deterministic))
-        if options.choices:
-            env = task_env(config, engine)
-            choices.append(summary(Insight(policy, env, key, options.episodes).interventions))
+    trainings = [config.trainings[place] for place in chosen]
+    keys = [jax.random.key(training.seed + SEED_OFFSET) for training in trainings]
+    policies = everyone.of(np.array(chosen))
+    scores = score_each(policies, config, engine, options.episodes, keys, options.deterministic)
+    rows = [
+        row(of_one, iteration, training, engine, options.deterministic)
+        for of_one, training in zip(scores, trainings, strict=True)
+    ]
+    choices = []
+    if options.choices:
+        env = task_env(config, engine)
+        for i, key in enumerate(keys):
+            insight = Insight(policies.of(i), env, key, options.episodes)
+            choices.append(summary(insight.interventions))
     append(options.run_dir, rows)
     if options.json:
         both = itertools.zip_longest(rows, choices, fillvalue={})
@@ -148,12 +152,16 @@ class Evaluation:
         assert state is not None
         here = jax.local_devices()[0]
         learned = jax.device_put((state.learner.params, state.normalizer), here)
-        everyone, rows = Policy(run.agent.replace(**config.swept), *learned), []
-        for i, training in enumerate(config.trainings):
-            key = jax.random.key(training.seed + SEED_OFFSET)
-            key = jax.random.fold_in(key, progress.iteration)
-            scores = score(everyone.of(i), config, config.physics, config.eval_episodes, key, True)
-            rows.append(row(scores, progress.iteration, training, config.physics, True))
+        everyone = Policy(run.agent.replace(**config.swept), *learned)
+        keys = [
+            jax.random.fold_in(jax.random.key(training.seed + SEED_OFFSET), progress.iteration)
+            for training in config.trainings
+        ]
+        scores = score_each(everyone, config, config.physics, config.eval_episodes, keys, True)
+        rows = [
+            row(of_one, progress.iteration, training, config.physics, True)
+            for of_one, training in zip(scores, config.trainings, strict=True)
+        ]
         append(self._run_dir, rows)
         return {"evaluation_return": np.array([entry["return"] for entry in rows])}
 

@@ -20,7 +20,7 @@ from hitmdp_jax.analysis import causal, results, results_figure, used_options
 from hitmdp_jax.analysis.results_page import Suite, page, section
 from hitmdp_jax.commands.arms import configs_of, named, train_arms
 from hitmdp_jax.errors import UsageError, unknown_name
-from hitmdp_jax.machine import versions
+from hitmdp_jax.machine import made_with
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.policy import extract
 
@@ -79,7 +79,7 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
         about = {
             "command": shlex.join(["python", "train.py", *missing]),
             "day": datetime.date.today().isoformat(),
-            "with": ", ".join(versions()),
+            "with": made_with(run_dir),
         }
         results.publish(run_dir, folder / cell, evaluated(run_dir, configs[cell]), about, known)
         publish_more(run_dir, folder / cell, with_policy=cell.split("/")[1] in suite.policies)

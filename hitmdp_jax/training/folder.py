@@ -9,6 +9,7 @@ from pathlib import Path
 
 from hitmdp_jax import plugins
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.machine import MADE_WITH
 from hitmdp_jax.training.checkpoint import saved_iterations
 from hitmdp_jax.training.config import RunConfig
 
@@ -79,7 +80,15 @@ def clear(folder: Path) -> None:
     """Remove what a run leaves in its folder, and nothing else."""
     for name in ("checkpoints", "figures", "settings", "videos", "wandb"):
         shutil.rmtree(folder / name, ignore_errors=True)
-    for pattern in ("metrics.csv", "evaluations.csv", "sweep.*", "events.out.tfevents.*", CONFIG):
+    files = (
+        "metrics.csv",
+        "evaluations.csv",
+        "sweep.*",
+        "events.out.tfevents.*",
+        MADE_WITH,
+        CONFIG,
+    )
+    for pattern in files:
         for path in folder.glob(pattern):
             path.unlink()
 

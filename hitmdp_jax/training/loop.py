@@ -16,6 +16,7 @@ from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.envs.physics import NativeEngine
 from hitmdp_jax.envs.physics.speed import native_speed
 from hitmdp_jax.learning.metrics import Metrics
+from hitmdp_jax.machine import note_versions
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import Checkpoints, CheckpointsElsewhere, Progress
 from hitmdp_jax.training.config import RunConfig
@@ -95,6 +96,7 @@ def run(
         sinks = Sinks(terminal)
         if writes:
             _write_settings(config, run_dir)
+            note_versions(run_dir)
             sinks = Sinks(*open_sinks(config, run_dir, progress.iteration), terminal)
         stack.callback(sinks.close)
         terminal.message(title(run))

@@ -52,9 +52,9 @@ class Policy(struct.PyTreeNode):
         action, memory, _ = self.agent.act(self.params, obs, memory, key, deterministic)
         return action, memory
 
-    def of(self, number: int) -> "Policy":
-        """Return the policy of one training, by its place among leaves [R, ...]."""
-        return jax.tree.map(lambda x: x[number] if np.ndim(x) else x, self)
+    def of(self, places: ArrayLike) -> "Policy":
+        """Return the policy of one training, or of some, by their places among leaves [R, ...]."""
+        return jax.tree.map(lambda x: x[places] if np.ndim(x) else x, self)
 
     def normalized(self, obs: ArrayLike) -> jax.Array:
         """Return raw observations [..., O] as the agent sees them; Raises as `act`."""

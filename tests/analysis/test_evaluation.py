@@ -12,7 +12,7 @@ from brax.training.acme import running_statistics
 
 from hitmdp_jax.agents import MOPG
 from hitmdp_jax.analysis import evaluation
-from hitmdp_jax.analysis.evaluation import Scores, score, score_in_jax
+from hitmdp_jax.analysis.evaluation import Scores, score, score_each, score_in_jax
 from hitmdp_jax.analysis.trajectories import record
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.config import RunConfig
@@ -96,6 +96,20 @@ def test_engines_and_gymnasium_agree(key):
     for s in scores.values():
         # v5 gives 1 for every step but the one that ends the episode.
         np.testing.assert_array_equal(s.returns, s.lengths - 1)
+
+
+@pytest.mark.parametrize("engine", ["native", "gymnasium"])
+def test_policies_side_by_side_score_as_each_alone(key, engine):
+    config = RunConfig.from_mapping(SETTINGS | {"env": {"name": "invertedpendulum"}})
+    keys = list(jax.random.split(key, 3))
+    alone = [untrained(4, 1, k) for k in keys]
+    # What is swept has a training's axis; what is not has none.
+    everyone = jax.tree.map(lambda *x: jnp.stack(x) if np.ndim(x[0]) else x[0], *alone)
+    together = score_each(everyone.of(np.array([2, 0])), config, engine, 4, [keys[2], keys[0]])
+    for scores, i in zip(together, (2, 0), strict=True):
+        expected = score(alone[i], config, engine, 4, keys[i])
+        np.testing.assert_array_equal(scores.lengths, expected.lengths)
+        np.testing.assert_allclose(scores.returns, expected.returns, rtol=1e-5)
 
 
 def test_mistakes_are_explained(key):

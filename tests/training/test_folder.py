@@ -23,10 +23,11 @@ def test_a_folder_is_claimed_once(tmp_path):
     assert RunConfig.load(run_dir) == CONFIG
     with pytest.raises(UsageError, match="holds a run already: resume="):
         claim(run_dir, CONFIG)
-    (run_dir / "metrics.csv").write_text("old")
+    for name in ("metrics.csv", "made_with.txt"):
+        (run_dir / name).write_text("old")
     (run_dir / "notes.txt").write_text("the user's own")
     claim(run_dir, CONFIG, overwrite=True)
-    assert not (run_dir / "metrics.csv").exists()
+    assert {path.name for path in run_dir.iterdir()} == {"config.yaml", ".lock", "notes.txt"}
     assert (run_dir / "notes.txt").exists()
 
 
