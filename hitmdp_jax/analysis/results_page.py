@@ -30,6 +30,7 @@ commands below made; nothing here is typed by hand. Returns are undiscounted.
   bootstrap interval (Agarwal et al. 2021);
 - *deterministic*: {EPISODES} episodes a seed of the final policy's likeliest options and actions;
   mean and standard deviation over seeds;
+- *P(better)*: the probability that a seed of the algorithm beats one of the control;
 - *success*, in mazes: episodes of the last 100k steps in which the goal was reached; mean and
   standard deviation over seeds;
 - *options, duration*: seeds in which two options or more have at least 5% of the last 100k steps
@@ -96,6 +97,8 @@ def section(name: str, suite: Suite, results: Path, link: str) -> str:
     parts += [f"`python -m hitmdp_jax.reproduce {name}` makes it, or goes on with it.", ""]
     if (results / f"{name}.png").is_file():
         parts += [f"![mean and standard deviation of the seeds' returns]({link}/{name}.png)\n"]
+    if len(together := all_tasks(suite, cells)) > 1:
+        parts += ["All tasks together:\n", markdown(together)]
     for task, published in cells.items():
         if published:
             parts += [f"### {task}\n", markdown(table(suite, task, published))]
@@ -117,6 +120,28 @@ def section(name: str, suite: Suite, results: Path, link: str) -> str:
     if len(runs) > 1:
         parts += ["<details><summary>Commands</summary>\n", markdown(runs), "</details>\n"]
     return "\n".join(parts)
+
+
+def all_tasks(suite: Suite, cells: Mapping[str, Mapping[str, Cell]]) -> Rows:
+    """Return how often each arm beats the control, every task counting the same, as rows of text.
+
+    Args:
+      suite: the table.
+      cells: those published, by task and arm; an arm of less than two tasks beside the control is
+        left out.
+    """
+    control = suite.control
+    rows = [["", "tasks", f"P(better than {control}), mean over tasks [95% interval]"]]
+    for arm in suite.arms:
+        if control is None or arm == control:
+            continue
+        both = [here for here in cells.values() if {arm, control} <= here.keys()]
+        if len(both) < 2:
+            continue
+        pairs = [here[name].seeds["last_100k_steps"] for here in both for name in (arm, control)]
+        better = statistics.with_interval(statistics.mean_improvement, *pairs, spec=".2f")
+        rows.append([arm, str(len(both)), better])
+    return rows
 
 
 def _told(cell: Cell) -> list[str]:

@@ -41,6 +41,17 @@ def probability_of_improvement(x: ArrayLike, y: ArrayLike, axis: int = -1) -> An
     return (0.5 + 0.5 * np.sign(x[..., :, None] - y[..., None, :])).mean(axis=(-2, -1))
 
 
+def mean_improvement(*pairs: ArrayLike, axis: int = -1) -> Any:
+    """Return the probability of improvement, averaged over tasks.
+
+    Args:
+      *pairs: of each task the scores of one algorithm [..., S], then those of the other [..., S'].
+      axis: that of the scores.
+    """
+    tasks = zip(pairs[::2], pairs[1::2], strict=True)
+    return np.mean([probability_of_improvement(x, y, axis) for x, y in tasks], axis=0)
+
+
 def difference(x: ArrayLike, y: ArrayLike, axis: int = -1) -> Any:
     """Return the interquartile mean of x [..., S] minus that of y [..., S']."""
     return interquartile_mean(x, axis=axis) - interquartile_mean(y, axis=axis)

@@ -7,6 +7,7 @@ import pytest
 from hitmdp_jax.analysis.statistics import (
     bootstrap_interval,
     interquartile_mean,
+    mean_improvement,
     number,
     probability_of_improvement,
     rounding,
@@ -83,6 +84,25 @@ def test_interval_of_an_improvement_resamples_both_sides():
     low, high = bootstrap_interval(probability_of_improvement, X[0], Y[0])
     assert 0.0 <= low < 0.3 < high < 0.7
     assert bootstrap_interval(probability_of_improvement, [5.0, 6.0], [1.0, 2.0]) == (1.0, 1.0)
+
+
+def test_the_improvement_on_many_tasks_counts_each_the_same():
+    pairs = [scores for both in zip(X, Y, strict=True) for scores in both]
+    assert mean_improvement(*pairs) == pytest.approx(0.1875)  # rliable's
+    # A task of more seeds, all better, counts no more than one of fewer.
+    assert mean_improvement([1.0], [2.0], [1.0] * 9, [0.0] * 9) == 0.5
+    rng = np.random.default_rng(1)
+    resampled = [
+        np.mean(
+            [
+                (rng.choice(x, len(x))[:, None] > rng.choice(y, len(y))[None]).mean()
+                for x, y in zip(X, Y, strict=True)
+            ]
+        )
+        for _ in range(4000)
+    ]
+    expected = np.percentile(resampled, [2.5, 97.5])
+    np.testing.assert_allclose(bootstrap_interval(mean_improvement, *pairs), expected, atol=0.015)
 
 
 def test_few_seeds_have_the_mean_and_one_has_no_interval():

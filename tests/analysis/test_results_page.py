@@ -1,0 +1,33 @@
+import numpy as np
+
+from hitmdp_jax.analysis.results import Cell
+from hitmdp_jax.analysis.results_page import Suite, all_tasks
+from hitmdp_jax.training.config import RunConfig
+
+CONFIG = RunConfig(algo={"name": "ppo"}, env={"name": "hopper"})
+SUITE = Suite(
+    title="",
+    about="",
+    settings=[],
+    tasks={"hopper": [], "ant": [], "reacher": []},
+    arms={"mopg": [], "ppo": [], "dac": []},
+    control="ppo",
+    paper={},
+    elsewhere="",
+    policies=[],
+)
+
+
+def cell(*returns):
+    return Cell(CONFIG, {"last_100k_steps": np.array(returns)}, {})
+
+
+def test_arms_are_held_against_the_control_where_both_are_published():
+    cells = {
+        "hopper": {"mopg": cell(3.0, 4.0), "ppo": cell(1.0, 2.0), "dac": cell(0.0, 0.0)},
+        "ant": {"mopg": cell(1.0, 1.0), "ppo": cell(1.0, 1.0, 1.0)},
+        "reacher": {"mopg": cell(9.0, 9.0), "dac": cell(9.0, 9.0)},
+    }
+    header, *rows = all_tasks(SUITE, cells)
+    assert header[2].startswith("P(better than ppo)")
+    assert rows == [["mopg", "2", "0.75 [0.75, 0.75]"]]  # dac meets the control on one task alone
