@@ -67,6 +67,19 @@ def test_a_transfer_has_relu_bodies_and_switches_after_total_steps(algo):
     assert RunConfig.from_mapping(SETTINGS).switch_at is None
 
 
+def test_those_who_need_it_keep_trying_in_a_transfer():
+    """MOPG and PPO have the entropy weight that the paper prints; the others have their own."""
+
+    def weight(*overrides):
+        return Settings(overrides).config().algo.get("entropy_weight")
+
+    for algo in ("mopg", "ppo"):
+        assert weight(f"algo={algo}") == 0.0
+        assert weight(f"algo={algo}", "experiment=transfer") == 0.01
+        assert weight(f"algo={algo}", "experiment=transfer", "algo.entropy_weight=0.1") == 0.1
+    assert weight("algo=ahp", "experiment=transfer") is None
+
+
 def test_settings_survive_saving(tmp_path):
     config = RunConfig.from_mapping(SETTINGS)
     (tmp_path / "config.yaml").write_text(config.to_yaml())
