@@ -81,13 +81,8 @@ def clear(folder: Path) -> None:
     for name in ("checkpoints", "figures", "settings", "videos", "wandb"):
         shutil.rmtree(folder / name, ignore_errors=True)
     files = (
-        "metrics.csv",
-        "evaluations.csv",
-        "sweep.*",
-        "events.out.tfevents.*",
-        MADE_WITH,
-        CONFIG,
-    )
+        "metrics.csv", "evaluations.csv", "sweep.*", "events.out.tfevents.*", MADE_WITH, CONFIG
+    )  # fmt: skip
     for pattern in files:
         for path in folder.glob(pattern):
             path.unlink()

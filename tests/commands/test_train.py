@@ -57,13 +57,8 @@ def test_a_run_leaves_what_it_promises(finished):
     assert all("\n" not in line for line in lines if "env steps" in line)
     names = {p.name for p in run_dir.iterdir()}
     expected = {
-        "config.yaml",
-        "metrics.csv",
-        "evaluations.csv",
-        "checkpoints",
-        "figures",
-        "made_with.txt",
-    }
+        "config.yaml", "metrics.csv", "evaluations.csv", "checkpoints", "figures", "made_with.txt"
+    }  # fmt: skip
     assert expected <= names
     assert any(name.startswith("events.out.tfevents") for name in names)
     figures = {p.name for p in (run_dir / "figures").iterdir()}
