@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +30,8 @@ commands below made; nothing here is typed by hand. Returns are undiscounted.
   bootstrap interval (Agarwal et al. 2021);
 - *deterministic*: {EPISODES} episodes a seed of the final policy's likeliest options and actions;
   mean and standard deviation over seeds;
-- *P(better)*: the probability that a seed of the algorithm beats one of the control;
+- *P(better)*: the probability that a seed of the algorithm beats one of the control; *P(mopg
+  better)*: that a seed of MOPG beats one of the algorithm;
 - *success*, in mazes: episodes of the last 100k steps in which the goal was reached; mean and
   standard deviation over seeds;
 - *options, duration*: seeds in which two options or more have at least 5% of the last 100k steps
@@ -123,25 +124,32 @@ def section(name: str, suite: Suite, results: Path, link: str) -> str:
 
 
 def all_tasks(suite: Suite, cells: Mapping[str, Mapping[str, Cell]]) -> Rows:
-    """Return how often each arm beats the control, every task counting the same, as rows of text.
+    """Return how often each arm beats the control, and the first arm beats it, as rows of text.
+
+    Every task counts the same.
 
     Args:
-      suite: the table.
-      cells: those published, by task and arm; an arm of less than two tasks beside the control is
-        left out.
+      suite: the table; its first arm is the algorithm that it asks about.
+      cells: those published, by task and arm. What counts are tasks with the arm, the control and
+        the first arm; an arm with less than two of them is left out.
     """
-    control = suite.control
-    rows = [["", "tasks", f"P(better than {control}), mean over tasks [95% interval]"]]
+    control, first = suite.control, next(iter(suite.arms))
+    header = ["", "tasks", f"P(better than {control}), mean over tasks [95% interval]"]
+    rows = [[*header, f"P({first} better), the same"]]
     for arm in suite.arms:
         if control is None or arm == control:
             continue
-        both = [here for here in cells.values() if {arm, control} <= here.keys()]
-        if len(both) < 2:
+        tasks = [here for here in cells.values() if {arm, control, first} <= here.keys()]
+        if len(tasks) < 2:
             continue
-        pairs = [here[name].seeds["last_100k_steps"] for here in both for name in (arm, control)]
-        better = statistics.with_interval(statistics.mean_improvement, *pairs, spec=".2f")
-        rows.append([arm, str(len(both)), better])
+        ours = "" if arm == first else _improvement(tasks, first, arm)
+        rows.append([arm, str(len(tasks)), _improvement(tasks, arm, control), ours])
     return rows
+
+
+def _improvement(tasks: Sequence[Mapping[str, Cell]], arm: str, other: str) -> str:
+    pairs = [here[name].seeds["last_100k_steps"] for here in tasks for name in (arm, other)]
+    return statistics.with_interval(statistics.mean_improvement, *pairs, spec=".2f")
 
 
 def _told(cell: Cell) -> list[str]:
