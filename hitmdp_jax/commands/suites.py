@@ -168,9 +168,10 @@ def tell(folder: Path, path: Path) -> None:
     every = {name: read(name) for name in names()}
     for name, suite in every.items():
         curves = folder / f"{name}.png"
-        curves.unlink(missing_ok=True)
         if drawn := results_figure.figure(suite, folder):
             drawn.savefig(curves, dpi=100)
+        else:
+            curves.unlink(missing_ok=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     link = Path(os.path.relpath(folder, path.parent)).as_posix()
     path.write_text(page(every, folder, link))

@@ -1,5 +1,7 @@
 """`python -m hitmdp_jax.reproduce table1` and its like, as a user runs them."""
 
+import shutil
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +11,7 @@ import hitmdp_jax
 from hitmdp_jax.analysis.results_page import page
 from hitmdp_jax.commands import suites
 from hitmdp_jax.commands.arms import configs_of
+from hitmdp_jax.errors import UsageError
 from tests.commands.conftest import CHECKOUT, SMALL
 
 
@@ -32,6 +35,22 @@ def test_the_page_is_that_of_the_published_results():
     every = {name: suites.read(name) for name in suites.names()}
     written = page(every, CHECKOUT / "results", "../results")
     assert written == (CHECKOUT / "docs/results.md").read_text()
+
+
+def test_a_cell_that_cannot_be_read_costs_no_figure(tmp_path):
+    results, page_file = tmp_path / "results", tmp_path / "results.md"
+    cell = results / "hopper" / "ppo"
+    shutil.copytree(CHECKOUT / "results" / "hopper" / "ppo", cell)
+    suites.tell(results, page_file)
+    figure, told = (results / "table2.png").read_bytes(), page_file.read_text()
+    (cell / "config.yaml").write_text("nonsense: 1\n")
+    with pytest.raises(UsageError, match="nonsense"):
+        suites.tell(results, page_file)
+    assert (results / "table2.png").read_bytes() == figure
+    assert page_file.read_text() == told
+    shutil.rmtree(cell)
+    suites.tell(results, page_file)
+    assert not (results / "table2.png").exists()  # nothing is left to draw
 
 
 def test_published_policies_are_small_and_can_be_loaded():
