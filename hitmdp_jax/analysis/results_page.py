@@ -134,8 +134,8 @@ def all_tasks(suite: Suite, cells: Mapping[str, Mapping[str, Cell]]) -> Rows:
         the first arm; an arm with less than two of them is left out.
     """
     control, first = suite.control, next(iter(suite.arms))
-    header = ["", "tasks", f"P(better than {control}), mean over tasks [95% interval]"]
-    rows = [[*header, f"P({first} better), the same"]]
+    how = "mean over tasks [95% interval]"
+    rows = [["", "tasks", f"P(better than {control}), {how}", f"P({first} better), {how}"]]
     for arm in suite.arms:
         if control is None or arm == control:
             continue
