@@ -18,9 +18,15 @@ os.environ["XLA_FLAGS"] = " ".join([*FAST_TO_COMPILE, os.environ.get("XLA_FLAGS"
 
 @pytest.fixture(scope="session", autouse=True)
 def compilation_cache(tmp_path_factory):
-    """Compile each program once a machine, where the developer keeps a cache, or once a session."""
+    """Compile each program once a machine, where the developer keeps a cache, or once a session.
+
+    The processes among which pytest-xdist divides the tests share it.
+    """
     if not jax.config.jax_compilation_cache_dir:
-        folder = tmp_path_factory.mktemp("jax_cache")
+        folder = tmp_path_factory.getbasetemp()
+        if "PYTEST_XDIST_WORKER" in os.environ:
+            folder = folder.parent
+        folder = folder / "jax_cache"
         jax.config.update("jax_compilation_cache_dir", str(folder))
 
 
