@@ -1,9 +1,9 @@
 """What an accelerator makes of it: `python -m benchmarks.gpu` (extra `warp` for its rows).
 
 Environment steps a second of the physics alone, whole trainings of one seed and of many with the
-time to their first update, Brax's PPO on the same card, and whether the same seed gives the same
-run. Each row runs in a process of its own, on the first card, or on whatever device JAX finds:
-small sizes try it on a CPU.
+time to their first update, Brax's PPO on the same card, on its task and on ours, and whether the
+same seed gives the same run. Each row runs in a process of its own, on the first card, or on
+whatever device JAX finds: small sizes try it on a CPU.
 """
 
 import argparse
@@ -111,17 +111,26 @@ def _begun(env: str, algo: str, physics: str, seeds: int, size: Size) -> tuple[R
     return run, step, run.begin(0, Progress(0, 0, None), init)
 
 
-def learned(env: str, algo: str, physics: str, size: Size, iterations: int = 3) -> Figures:
-    """Train a seed; return what tells its parameters apart to the last bit."""
-    _, step, state = _begun(env, algo, physics, 1, size)
+def learned(
+    env: str, algo: str, physics: str, seeds: int, size: Size, iterations: int = 3
+) -> Figures:
+    """Train; return what tells the parameters apart to the last bit."""
+    _, step, state = _begun(env, algo, physics, seeds, size)
     for _ in range(iterations):
         state, _ = step(state)
     content = b"".join(x.tobytes() for x in jax.device_get(jax.tree.leaves(state.learner.params)))
     return {"learned": hashlib.sha256(content).hexdigest()}
 
 
-def brax_ppo(env: str, size: Size, seconds: float) -> Figures:
-    """Train Brax's PPO on its own task of the same name, with MJX and the same batch and epochs."""
+def brax_ppo(env: str, owner: str, size: Size, seconds: float) -> Figures:
+    """Train Brax's PPO with MJX and the same batch and epochs.
+
+    Args:
+      env: the task.
+      owner: "Brax" for its own task of that name, "ours" for ours.
+      size: of the batch.
+      seconds: more updates are timed where there are more.
+    """
     from brax import envs
     from brax.training.agents.ppo import train as ppo
 
@@ -135,46 +144,48 @@ def brax_ppo(env: str, size: Size, seconds: float) -> Figures:
     def progress(env_steps: int, metrics: Mapping[str, Any]) -> None:
         reports.append((time.perf_counter(), metrics))
 
-    # Reports come with evaluations, whose time is not counted: an episode of one environment.
-    evaluations = 4
-    updates = max(1, round(seconds))
+    epochs, updates = 4, max(1, round(seconds))  # it reports after each epoch, of so many updates
+    theirs = owner == "Brax"
     ppo.train(
-        envs.get_environment(BRAX.get(env, env), backend="mjx"),
-        num_timesteps=evaluations * updates * samples,
-        num_evals=evaluations + 1,
+        envs.get_environment(BRAX.get(env, env), backend="mjx")
+        if theirs
+        else hitmdp_jax.make_env(env, physics="mjx"),
+        num_timesteps=epochs * updates * samples,
+        num_evals=epochs + 1,
+        run_evals=False,
         num_envs=size.num_envs,
         unroll_length=size.rollout_length,
         batch_size=max(1, size.minibatch_size // size.rollout_length),
         num_minibatches=max(1, samples // size.minibatch_size),
         num_updates_per_batch=10,
         episode_length=1000,
-        num_eval_envs=1,
         normalize_observations=True,
         progress_fn=progress,
     )
     return {
         "steps_per_second": float(reports[-1][1]["training/sps"]),
-        "first_update_s": reports[1][0] - start,
+        "first_update_s": reports[0][0] - start,
     }
 
 
 def rows(options: argparse.Namespace) -> dict[str, list[Any]]:
     """Return what is measured: the row's name -> a function's name and its arguments."""
     size = [options.num_envs, options.rollout_length, options.minibatch_size]
-    engines = ["mjx", *(["warp"] if importlib.util.find_spec("warp") else [])]
     found: dict[str, list[Any]] = {}
-    for physics in engines:
+    for physics in options.physics:
         for number in options.envs:
             name = f"{physics}, {number:,} environments, physics alone"
             found[name] = ["env_steps", options.env, physics, number]
-    for physics in engines:
+    for physics in options.physics:
         for algo in options.algos:
             for seeds in options.seeds:
                 name = f"{algo} on {physics}, {seeds} seeds x {options.num_envs:,} environments"
                 found[name] = ["training", options.env, algo, physics, seeds, *size]
-    found[f"Brax PPO on mjx, {options.num_envs:,} environments"] = ["brax_ppo", options.env, *size]
+    for owner, task in {"Brax": "its own task", "ours": "our task"}.items():
+        name = f"Brax PPO on mjx, {task}, {options.num_envs:,} environments"
+        found[name] = ["brax_ppo", options.env, owner, *size]
     name = "the same seed in two processes, deterministic"
-    found[name] = ["learned", options.env, options.algos[0], "mjx", *size]
+    found[name] = ["learned", options.env, options.algos[0], options.physics[0], 1, *size]
     return found
 
 
@@ -186,13 +197,14 @@ def measure(kind: str, arguments: list[Any], seconds: float) -> Figures:
         return env_steps(env, physics, num_envs, seconds)
     env, *how, num_envs, length, minibatch = arguments
     size = Size(num_envs, length, minibatch)
-    set_up_host("mjx", num_envs)
     if kind == "brax_ppo":
-        return brax_ppo(env, size, seconds)
-    if kind == "learned":
-        algo, physics = how
-        return learned(env, algo, physics, size)
+        set_up_host("mjx", num_envs)
+        (owner,) = how
+        return brax_ppo(env, owner, size, seconds)
     algo, physics, seeds = how
+    set_up_host(physics, num_envs)
+    if kind == "learned":
+        return learned(env, algo, physics, seeds, size)
     return training(env, algo, physics, seeds, size, seconds)
 
 
@@ -219,6 +231,8 @@ def main() -> None:
     parser.add_argument("--env", default="halfcheetah", help="the task")
     parser.add_argument("--envs", type=int, nargs="*", default=ENVS, help="of the physics alone")
     parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS, help="trained side by side")
+    engines = ["mjx", *(["warp"] if importlib.util.find_spec("warp") else [])]
+    parser.add_argument("--physics", nargs="+", default=engines, help="engines; native is another")
     parser.add_argument("--algos", nargs="+", default=["mopg", "ppo"], help="that are trained")
     parser.add_argument("--num-envs", type=int, default=1024, help="of each seed in training")
     parser.add_argument("--rollout-length", type=int, default=32, help="steps between two updates")

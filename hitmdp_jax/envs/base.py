@@ -112,16 +112,18 @@ class MujocoEnv(Env):
         after = self.physics.step(before, action)
         reward, terms = self.reward(before, after, action)
         zero, one = jnp.zeros(()), jnp.ones(())
-        metrics = {name: terms[name] for name in self.reward_terms}
+        terms = {name: terms[name] for name in self.reward_terms}
         good = state.replace(  # pyright: ignore[reportAttributeAccessIssue]
             pipeline_state=after,
             obs=self.observation(after),
             reward=reward,
             done=self.terminated(after).astype(jnp.float32),
-            metrics=metrics | {"unstable": zero},
+            metrics=state.metrics | terms | {"unstable": zero},  # wrappers keep theirs there, too
         )
         lost = state.replace(  # pyright: ignore[reportAttributeAccessIssue]
-            reward=zero, done=one, metrics=dict.fromkeys(metrics, zero) | {"unstable": one}
+            reward=zero,
+            done=one,
+            metrics=state.metrics | dict.fromkeys(terms, zero) | {"unstable": one},
         )
         stable = valid & ~after.unstable
         return jax.tree.map(lambda a, b: jnp.where(stable, a, b), good, lost)

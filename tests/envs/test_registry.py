@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import pytest
 import yaml
 from brax.envs.base import Env, State
+from brax.envs.wrappers import training
 
 import hitmdp_jax
 from hitmdp_jax.envs import check_env, physics
@@ -49,6 +50,17 @@ def test_states_keep_structure_under_step(name):
         lambda x: (x.shape, x.dtype), after
     )
     assert state.obs.shape == (env.observation_size,)
+
+
+@pytest.mark.parametrize("name", hitmdp_jax.list_envs())
+def test_braxs_own_trainers_can_wrap_every_task(name):
+    """Their wrappers keep fields of their own in `info` and `metrics`, through every step."""
+    env = training.wrap(hitmdp_jax.make_env(name, physics="native"), episode_length=8)
+    env = training.EvalWrapper(env)
+    keys = jax.random.split(jax.random.PRNGKey(0), 2)  # keys of the old kind, as theirs are
+    state = jax.eval_shape(env.reset, keys)
+    after = jax.eval_shape(env.step, state, jax.ShapeDtypeStruct((2, env.action_size), float))
+    assert jax.tree.structure(state) == jax.tree.structure(after)
 
 
 @pytest.mark.parametrize(

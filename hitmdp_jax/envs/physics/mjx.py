@@ -35,7 +35,6 @@ class MjxEngine(Engine):
     name: ClassVar[str] = "mjx"
     # Of the solver's Cholesky factorisations, XLA's threads wait for one another beyond this.
     safe_rows: ClassVar[int | None] = 64
-    implementation: ClassVar[str] = "jax"  # MJX's word for what computes
 
     full_budget: bool = False
 
@@ -59,7 +58,7 @@ class MjxEngine(Engine):
         current_fields: bool = False,
     ) -> "MjxPhysics":
         """Build the physics of one prepared model."""
-        return MjxPhysics(model, frame_skip, fields, current_fields, self.implementation)
+        return MjxPhysics(model, frame_skip, fields, current_fields)
 
 
 class MjxPhysics:
@@ -73,8 +72,10 @@ class MjxPhysics:
       frame_skip: substeps in one control step.
       fields: names of the derived MjData fields the task reads.
       current_fields: compute them once more after the last substep, at the new state.
-      implementation: "jax", or "warp" for NVIDIA's kernels.
     """
+
+    name = "mjx"
+    implementation: ClassVar[str] = "jax"  # MJX's word for what computes
 
     def __init__(
         self,
@@ -82,34 +83,36 @@ class MjxPhysics:
         frame_skip: int,
         fields: Sequence[str] = (),
         current_fields: bool = False,
-        implementation: str = "jax",
     ):
-        self.name = "mjx" if implementation == "jax" else implementation
         self.model = model
         self.frame_skip = frame_skip
         self._fields = tuple(fields)
         self._current_fields = current_fields
         blank = mujoco.MjData(model)
         self._field_shapes = {f: np.shape(getattr(blank, f)) for f in self._fields}
-        self._mjx_model = mjx.put_model(model, impl=implementation)
-        self._blank = mjx.make_data(model, impl=implementation)
+        self._mjx_model = mjx.put_model(model, impl=self.implementation)
+        self._blank = mjx.make_data(model, impl=self.implementation)
 
-    @full_precision
     def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
         """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""
         state = blank_state(self.model, qpos, qvel)
-        if not self._fields:
-            return state
-        data = mjx.forward(_without_empty_constants(self._mjx_model), self._load(state))
+        return self._forward(self._blank, state) if self._fields else state
+
+    def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
+        """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
+        return self._advance(self._blank, state.replace(ctrl=ctrl))
+
+    @full_precision
+    def _forward(self, blank: mjx.Data, state: PhysicsState) -> PhysicsState:
+        data = mjx.forward(_without_empty_constants(self._mjx_model), _load(blank, state))
         return state.replace(derived=self._read(data))
 
     @full_precision
-    def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
-        """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
+    def _advance(self, blank: mjx.Data, state: PhysicsState) -> PhysicsState:
         model = _without_empty_constants(self._mjx_model)
 
         def substep(carry: PhysicsState, _: None) -> tuple[PhysicsState, None]:
-            data = mjx.step(model, self._load(carry))
+            data = mjx.step(model, _load(blank, carry))
             if "cfrc_ext" in self._fields:
                 # Only the last substep's are read, but all are cheap beside the solver.
                 data = mjx.rne_postconstraint(model, data)
@@ -121,20 +124,12 @@ class MjxPhysics:
             )
             return carry, None
 
-        after, _ = jax.lax.scan(substep, state.replace(ctrl=ctrl), length=self.frame_skip)
+        after, _ = jax.lax.scan(substep, state, length=self.frame_skip)
         if self._current_fields:
             # Of this, XLA keeps what leads to the fields: kinematics, not contacts or the solver.
-            data = mjx.forward(model, self._load(after))
+            data = mjx.forward(model, _load(blank, after))
             after = after.replace(derived=self._read(data))
         return after.replace(displacement=after.qpos - state.qpos, unstable=beyond_limits(after))
-
-    def _load(self, state: PhysicsState) -> mjx.Data:
-        return _without_empty_constants(self._blank).replace(
-            qpos=state.qpos,
-            qvel=state.qvel,
-            ctrl=state.ctrl,
-            qacc_warmstart=state.qacc_warmstart,
-        )
 
     def _read(self, data: mjx.Data) -> dict[str, jax.Array]:
         # MJX keeps some of MuJoCo's fields among its implementation's own (cinert, cfrc_ext), and
@@ -144,6 +139,15 @@ class MjxPhysics:
             field: getattr(own if hasattr(own, field) else data, field).reshape(shape)
             for field, shape in self._field_shapes.items()
         }
+
+
+def _load(blank: mjx.Data, state: PhysicsState) -> mjx.Data:
+    return _without_empty_constants(blank).replace(
+        qpos=state.qpos,
+        qvel=state.qvel,
+        ctrl=state.ctrl,
+        qacc_warmstart=state.qacc_warmstart,
+    )
 
 
 def _without_empty_constants(tree: Any) -> Any:

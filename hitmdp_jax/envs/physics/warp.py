@@ -1,12 +1,19 @@
 """MJX on Warp: the same programs with NVIDIA's own kernels."""
 
 import dataclasses
-from collections.abc import Sequence
-from typing import ClassVar
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
 
+import jax
+import jax.numpy as jnp
 import mujoco
+import numpy as np
+from jax.custom_batching import custom_vmap
+from mujoco import mjx
 
-from hitmdp_jax.envs.physics.mjx import MjxEngine
+from hitmdp_jax.envs.physics.base import PhysicsState, blank_state
+from hitmdp_jax.envs.physics.mjx import MjxEngine, MjxPhysics
 from hitmdp_jax.errors import UsageError, missing_extra
 
 
@@ -15,7 +22,7 @@ class WarpEngine(MjxEngine):
     """MJX with Warp in place of XLA for the physics."""
 
     name: ClassVar[str] = "warp"
-    implementation: ClassVar[str] = "warp"
+    safe_rows: ClassVar[int | None] = None
 
     def check(self) -> None:
         """Check that warp-lang is installed.
@@ -37,3 +44,111 @@ class WarpEngine(MjxEngine):
         super().check_task(model, fields)
         if "cfrc_ext" in fields:
             raise UsageError("physics=warp has no contact forces (cfrc_ext): use mjx or native.")
+
+    def build(
+        self,
+        model: mujoco.MjModel,
+        frame_skip: int,
+        fields: Sequence[str] = (),
+        current_fields: bool = False,
+    ) -> "WarpPhysics":
+        """Build the physics of one prepared model."""
+        return WarpPhysics(model, frame_skip, fields, current_fields)
+
+
+class WarpPhysics(MjxPhysics):
+    """Implements `Physics` with MJX on Warp.
+
+    Warp keeps the contacts of all worlds in one list, and drops what does not fit. So every `vmap`
+    around a step ends up in one call, which knows how many worlds there are and has room for
+    every contact they could have.
+    """
+
+    name = "warp"
+    implementation: ClassVar[str] = "warp"
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        frame_skip: int,
+        fields: Sequence[str] = (),
+        current_fields: bool = False,
+    ):
+        import warp
+        from mujoco.mjx.third_party.mujoco_warp import OverflowType
+
+        warp.config.log_level = warp.LOG_WARNING  # it tells of each of some fifty kernels it loads
+        super().__init__(model, frame_skip, fields, current_fields)
+        room = mjx.make_data(model, impl="jax")._impl  # for all pairs of geoms that may touch
+        self._contacts, self._constraints = room.ncon, room.nefc  # pyright: ignore
+        # The solver's iterations are a budget, of which kernels would print that it is used up.
+        options = self._mjx_model.opt
+        limits = OverflowType.ITERATIONS | OverflowType.LS_ITERATIONS
+        kept = options._impl.replace(warn_overflow=options._impl.warn_overflow & ~int(limits))
+        self._mjx_model = self._mjx_model.replace(opt=options.replace(_impl=kept))
+
+    def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
+        """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""
+        state = blank_state(self.model, qpos, qvel)
+        return in_one_call(self._all(self._forward))(state) if self._fields else state
+
+    def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
+        """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
+        return in_one_call(self._all(self._advance))(state.replace(ctrl=ctrl))
+
+    def _all(
+        self, function: Callable[[mjx.Data, PhysicsState], PhysicsState]
+    ) -> Callable[[PhysicsState], PhysicsState]:
+        def worlds(states: PhysicsState) -> PhysicsState:
+            blank = self._room_for(len(states.qpos))
+            return jax.vmap(functools.partial(function, blank))(states)
+
+        return worlds
+
+    def _room_for(self, worlds: int) -> mjx.Data:
+        with jax.ensure_compile_time_eval():
+            data = mjx.make_data(
+                self.model,
+                impl=self.implementation,
+                naconmax=max(1, worlds * self._contacts),
+                njmax=max(1, self._constraints),
+            )
+            empty = jax.tree.map(lambda x: not np.any(x), data)
+        # A list for many worlds is no constant to store in a program: what is zero is made there.
+        return jax.tree.map(lambda x, none: jnp.zeros(x.shape, x.dtype) if none else x, data, empty)
+
+
+def in_one_call(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Return what computes one row, so that with every `vmap` around it `function` gets all rows.
+
+    Args:
+      function: maps a pytree of arrays [N, ...] to another, row by row, for any N.
+    """
+
+    @custom_vmap
+    def rows(x: Any) -> Any:
+        return function(x)
+
+    @rows.def_vmap
+    def flattened(axis_size: int, in_batched: list[Any], x: Any) -> tuple[Any, Any]:
+        x = _with_axis(axis_size, in_batched[0], x)
+        joined = rows(jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), x))
+        out = jax.tree.map(lambda x: x.reshape(axis_size, -1, *x.shape[1:]), joined)
+        return out, jax.tree.map(lambda _: True, out)
+
+    @custom_vmap
+    def row(x: Any) -> Any:
+        return jax.tree.map(lambda x: x[0], rows(jax.tree.map(lambda x: x[None], x)))
+
+    @row.def_vmap
+    def stacked(axis_size: int, in_batched: list[Any], x: Any) -> tuple[Any, Any]:
+        out = rows(_with_axis(axis_size, in_batched[0], x))
+        return out, jax.tree.map(lambda _: True, out)
+
+    return row
+
+
+def _with_axis(size: int, has_axis: Any, tree: Any) -> Any:
+    return jax.tree.map(
+        lambda has, x: x if has else jnp.broadcast_to(x, (size, *x.shape)), has_axis, tree
+    )

@@ -34,10 +34,9 @@ class Turkey(Env):
         """Stuff or roast."""
         roast = (action[0] > ROAST_THRESHOLD).astype(jnp.float32)
         outcome = jnp.where(state.info["stuffed"] > 0, STUFFED_REWARD, PLAIN_REWARD)
-        return State(
-            None,
-            jnp.stack([1.0 - roast, roast]),
+        return state.replace(  # pyright: ignore[reportAttributeAccessIssue]
+            obs=jnp.stack([1.0 - roast, roast]),
             reward=roast * outcome,
             done=jnp.maximum(roast, state.info["stuffed"]),
-            info={"stuffed": jnp.ones(())},
+            info=state.info | {"stuffed": jnp.ones(())},
         )
