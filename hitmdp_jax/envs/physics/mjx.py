@@ -112,10 +112,7 @@ class MjxPhysics:
         model = _without_empty_constants(self._mjx_model)
 
         def substep(carry: PhysicsState, _: None) -> tuple[PhysicsState, None]:
-            data = mjx.step(model, _load(blank, carry))
-            if "cfrc_ext" in self._fields:
-                # Only the last substep's are read, but all are cheap beside the solver.
-                data = mjx.rne_postconstraint(model, data)
+            data = self._substep(model, _load(blank, carry))
             carry = carry.replace(
                 qpos=data.qpos,
                 qvel=data.qvel,
@@ -130,6 +127,13 @@ class MjxPhysics:
             data = mjx.forward(model, _load(blank, after))
             after = after.replace(derived=self._read(data))
         return after.replace(displacement=after.qpos - state.qpos, unstable=beyond_limits(after))
+
+    def _substep(self, model: mjx.Model, data: mjx.Data) -> mjx.Data:
+        data = mjx.step(model, data)
+        if "cfrc_ext" in self._fields:
+            # Only the last substep's are read, but all are cheap beside the solver.
+            data = mjx.rne_postconstraint(model, data)
+        return data
 
     def _read(self, data: mjx.Data) -> dict[str, jax.Array]:
         # MJX keeps some of MuJoCo's fields among its implementation's own (cinert, cfrc_ext), and

@@ -14,7 +14,7 @@ from mujoco import mjx
 
 from hitmdp_jax.envs.physics.base import PhysicsState, blank_state
 from hitmdp_jax.envs.physics.mjx import MjxEngine, MjxPhysics
-from hitmdp_jax.errors import UsageError, missing_extra
+from hitmdp_jax.errors import missing_extra
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,16 +34,6 @@ class WarpEngine(MjxEngine):
 
         if not warp.WARP_INSTALLED:
             raise missing_extra("warp", "physics=warp")
-
-    def check_task(self, model: mujoco.MjModel, fields: Sequence[str] = ()) -> None:
-        """Check that the task reads no external forces, which MJX does not compute on Warp.
-
-        Raises:
-          UsageError: it does, or no engine can run the model.
-        """
-        super().check_task(model, fields)
-        if "cfrc_ext" in fields:
-            raise UsageError("physics=warp has no contact forces (cfrc_ext): use mjx or native.")
 
     def build(
         self,
@@ -82,10 +72,10 @@ class WarpPhysics(MjxPhysics):
         room = mjx.make_data(model, impl="jax")._impl  # for all pairs of geoms that may touch
         self._contacts, self._constraints = room.ncon, room.nefc  # pyright: ignore
         # The solver's iterations are a budget, of which kernels would print that it is used up.
-        options = self._mjx_model.opt
         limits = OverflowType.ITERATIONS | OverflowType.LS_ITERATIONS
-        kept = options._impl.replace(warn_overflow=options._impl.warn_overflow & ~int(limits))
-        self._mjx_model = self._mjx_model.replace(opt=options.replace(_impl=kept))
+        self._mjx_model = _with_options(
+            self._mjx_model, warn_overflow=int(OverflowType.ALL & ~limits)
+        )
 
     def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
         """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""
@@ -95,6 +85,10 @@ class WarpPhysics(MjxPhysics):
     def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
         """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
         return in_one_call(self._all(self._advance))(state.replace(ctrl=ctrl))
+
+    def _substep(self, model: mjx.Model, data: mjx.Data) -> mjx.Data:
+        forces = "cfrc_ext" in self._fields
+        return mjx.step(_with_options(model, run_rne_postconstraint=forces), data)
 
     def _all(
         self, function: Callable[[mjx.Data, PhysicsState], PhysicsState]
@@ -116,6 +110,11 @@ class WarpPhysics(MjxPhysics):
             empty = jax.tree.map(lambda x: not np.any(x), data)
         # A list for many worlds is no constant to store in a program: what is zero is made there.
         return jax.tree.map(lambda x, none: jnp.zeros(x.shape, x.dtype) if none else x, data, empty)
+
+
+def _with_options(model: mjx.Model, **options: Any) -> mjx.Model:
+    own = model.opt._impl.replace(**options)  # pyright: ignore
+    return model.replace(opt=model.opt.replace(_impl=own))
 
 
 def in_one_call(function: Callable[[Any], Any]) -> Callable[[Any], Any]:

@@ -25,6 +25,13 @@ NEWTON, PGS = int(mujoco.mjtSolver.mjSOL_NEWTON), int(mujoco.mjtSolver.mjSOL_PGS
 FALLING_BALL = """<mujoco><option integrator="{}"/><worldbody>
   <body><freejoint/><geom size="0.1"/></body>
   </worldbody></mujoco>"""
+# Of two balls on a body one touches the floor, which turns the body; without friction, whose
+# direction MJX chooses otherwise.
+LANDING = """<mujoco><option integrator="{}"/><worldbody>
+  <geom type="plane" size="1 1 1" condim="1"/>
+  <body pos="0 0 0.09"><freejoint/>
+    <geom size="0.1" condim="1"/><geom size="0.05" pos="0.2 0 0" contype="0" conaffinity="0"/>
+  </body></worldbody></mujoco>"""
 MUSCLE = """<mujoco><worldbody>
   <body><joint name="hinge"/><geom size="0.1"/></body>
   </worldbody><actuator><general joint="hinge" dyntype="integrator"/></actuator></mujoco>"""
@@ -67,6 +74,23 @@ def test_every_engine_steps_as_mujoco_does(engine, integrator, current_fields):
     np.testing.assert_allclose(after["xpos"], data.xpos, atol=1e-5)
     np.testing.assert_allclose(after.displacement, after.qpos - start.qpos, atol=1e-6)
     assert not after.unstable
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+def test_external_forces_are_those_of_mujoco(engine, integrator):
+    """They are of the last substep's data, with RK4 its last stage's, and zero before any."""
+    model = mujoco.MjModel.from_xml_string(LANDING.format(integrator))
+    physics = find_engine(engine).build(model, 3, ("cfrc_ext",))
+    data = mujoco.MjData(model)
+    start = jax.jit(physics.initial)(data.qpos, data.qvel)
+    np.testing.assert_array_equal(start["cfrc_ext"], 0.0)
+    after = jax.jit(physics.step)(start, start.ctrl)
+    mujoco.mj_step(model, data, 3)
+    mujoco.mj_rnePostConstraint(model, data)
+    assert np.abs(data.cfrc_ext[1]).max() > 50.0
+    np.testing.assert_allclose(after["cfrc_ext"], data.cfrc_ext, rtol=1e-3, atol=0.01)
+    np.testing.assert_allclose(after.qvel, data.qvel, atol=1e-4)
 
 
 def mjx_programs(name):
@@ -190,12 +214,6 @@ def test_every_engine_says_how_many_rows_are_safe_and_refuses_activations(engine
     assert engine.safe_rows is None or engine.safe_rows > 0
     with pytest.raises(UsageError, match=r"actuator activations"):
         engine.check_task(mujoco.MjModel.from_xml_string(MUSCLE))
-
-
-def test_warp_refuses_external_forces(ball):
-    WarpEngine().check_task(ball, ("xpos",))
-    with pytest.raises(UsageError, match=r"no contact forces \(cfrc_ext\): use mjx or native"):
-        WarpEngine().check_task(ball, ("xpos", "cfrc_ext"))
 
 
 def test_missing_warp_is_explained_before_anything_is_made(monkeypatch):
