@@ -27,7 +27,7 @@ class MujocoEnv(Env):
       frame_skip: physics substeps in one control step.
       physics: an engine or its name: "mjx", "native" or "warp".
       fields: names of the derived MjData fields the task reads.
-      mjx_budget: solver iterations for MJX and Warp; None keeps the model's own.
+      mjx_budget: solver iterations for MJX; None keeps the model's own.
       current_fields: read derived fields of position and velocity at the state after the step, as
         DeepMind Control does, and not a substep behind it, as Gymnasium does.
 

@@ -43,8 +43,7 @@ class MjxEngine(Engine):
 
         One with contacts needs a model of `load_model`, which leaves room for their number.
         """
-        if model.opt.solver == mujoco.mjtSolver.mjSOL_PGS:
-            model.opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
+        newton_for_pgs(model)
         if budget is not None and not self.full_budget:
             model.opt.iterations, model.opt.ls_iterations = budget.iterations, budget.ls_iterations
             if budget.contacts is not None:
@@ -143,6 +142,12 @@ class MjxPhysics:
             field: getattr(own if hasattr(own, field) else data, field).reshape(shape)
             for field, shape in self._field_shapes.items()
         }
+
+
+def newton_for_pgs(model: mujoco.MjModel) -> None:
+    """Choose Newton, in place, where a model names PGS, which MJX lacks."""
+    if model.opt.solver == mujoco.mjtSolver.mjSOL_PGS:
+        model.opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
 
 
 def _load(blank: mjx.Data, state: PhysicsState) -> mjx.Data:

@@ -12,17 +12,16 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 from mujoco import mjx
 
-from hitmdp_jax.envs.physics.base import PhysicsState, blank_state
-from hitmdp_jax.envs.physics.mjx import MjxEngine, MjxPhysics
+from hitmdp_jax.envs.physics.base import Engine, PhysicsState, SolverBudget, blank_state
+from hitmdp_jax.envs.physics.mjx import MjxPhysics, newton_for_pgs
 from hitmdp_jax.errors import missing_extra
 
 
 @dataclasses.dataclass(frozen=True)
-class WarpEngine(MjxEngine):
+class WarpEngine(Engine):
     """MJX with Warp in place of XLA for the physics."""
 
     name: ClassVar[str] = "warp"
-    safe_rows: ClassVar[int | None] = None
 
     def check(self) -> None:
         """Check that warp-lang is installed.
@@ -34,6 +33,10 @@ class WarpEngine(MjxEngine):
 
         if not warp.WARP_INSTALLED:
             raise missing_extra("warp", "physics=warp")
+
+    def prepare(self, model: mujoco.MjModel, budget: SolverBudget | None = None) -> None:
+        """Choose Newton for PGS. No budget: Warp's solver stops where it has converged."""
+        newton_for_pgs(model)
 
     def build(
         self,
@@ -65,17 +68,11 @@ class WarpPhysics(MjxPhysics):
         current_fields: bool = False,
     ):
         import warp
-        from mujoco.mjx.third_party.mujoco_warp import OverflowType
 
         warp.config.log_level = warp.LOG_WARNING  # it tells of each of some fifty kernels it loads
         super().__init__(model, frame_skip, fields, current_fields)
         room = mjx.make_data(model, impl="jax")._impl  # for all pairs of geoms that may touch
         self._contacts, self._constraints = room.ncon, room.nefc  # pyright: ignore
-        # The solver's iterations are a budget, of which kernels would print that it is used up.
-        limits = OverflowType.ITERATIONS | OverflowType.LS_ITERATIONS
-        self._mjx_model = _with_options(
-            self._mjx_model, warn_overflow=int(OverflowType.ALL & ~limits)
-        )
 
     def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
         """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""

@@ -118,12 +118,18 @@ def test_mjx_closes_over_no_empty_array():
         assert not [line for line in constants if re.search(r"tensor<(\d+x)*0x", line)]
 
 
-@pytest.mark.parametrize("engine", [MjxEngine(), WarpEngine()])
-def test_mjx_takes_newton_for_pgs_and_the_task_budget(engine):
+def test_mjx_takes_newton_for_pgs_and_the_task_budget():
     model = load_gymnasium_model("humanoid.xml")
     assert model.opt.solver == PGS
-    engine.prepare(model, BUDGET)
+    MjxEngine().prepare(model, BUDGET)
     assert solver_of(model) == (NEWTON, *BUDGET)
+
+
+def test_warp_takes_newton_for_pgs_and_keeps_the_models_own_budget():
+    model = load_gymnasium_model("humanoid.xml")
+    _, *own = solver_of(model)
+    WarpEngine().prepare(model, BUDGET)
+    assert solver_of(model) == (NEWTON, *own)
 
 
 def test_mjx_keeps_the_models_own_budget_where_there_is_none_or_all_is_wanted():

@@ -1,9 +1,11 @@
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
 
 from hitmdp_jax import make_env
+from hitmdp_jax.envs.gym.half_cheetah import MJX_BUDGET
 from hitmdp_jax.envs.physics.warp import in_one_call
 
 NUM_ENVS = 256
@@ -29,6 +31,20 @@ def test_contacts_of_many_worlds_all_have_room(fallen):
     error = np.abs(ours.pipeline_state.qvel - theirs.pipeline_state.qvel).max(axis=-1)
     assert np.quantile(error, 0.9) < 2e-4
     assert error.max() < 1e-2
+
+
+def test_a_world_has_room_for_every_contact(fallen):
+    """A cheetah in the floor has more than MJX's budget keeps, and takes more iterations."""
+    states, action = jax.tree.map(lambda x: x[:4], fallen)
+    flat = states.pipeline_state.qpos.at[:, 1].set(-0.5).at[:, 2:].set(0.0)
+    states = states.replace(pipeline_state=states.pipeline_state.replace(qpos=flat))
+    envs = [make_env("halfcheetah", physics=engine) for engine in ("warp", "native")]
+    data = mujoco.MjData(envs[1].model)
+    data.qpos[:] = flat[0]
+    mujoco.mj_forward(envs[1].model, data)
+    assert data.ncon > MJX_BUDGET.contacts
+    ours, theirs = (jax.jit(jax.vmap(env.step))(states, action).pipeline_state for env in envs)
+    np.testing.assert_allclose(ours.qvel, theirs.qvel, atol=1e-3)
 
 
 def test_a_training_steps_on_warp_as_each_seed_alone(fallen):
