@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import jax
@@ -38,15 +38,12 @@ class WarpEngine(Engine):
         """Choose Newton for PGS. No budget: Warp's solver stops where it has converged."""
         newton_for_pgs(model)
 
-    def build(
-        self,
-        model: mujoco.MjModel,
-        frame_skip: int,
-        fields: Sequence[str] = (),
-        current_fields: bool = False,
-    ) -> "WarpPhysics":
-        """Build the physics of one prepared model."""
-        return WarpPhysics(model, frame_skip, fields, current_fields)
+    def build(self, *arguments: Any, **keywords: Any) -> "WarpPhysics":
+        """Build the physics of one prepared model; the arguments are those of every engine."""
+        import warp
+
+        warp.config.log_level = warp.LOG_WARNING  # it tells of each of some fifty kernels it loads
+        return WarpPhysics(*arguments, **keywords)
 
 
 class WarpPhysics(MjxPhysics):
@@ -60,19 +57,11 @@ class WarpPhysics(MjxPhysics):
     name = "warp"
     implementation: ClassVar[str] = "warp"
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        frame_skip: int,
-        fields: Sequence[str] = (),
-        current_fields: bool = False,
-    ):
-        import warp
-
-        warp.config.log_level = warp.LOG_WARNING  # it tells of each of some fifty kernels it loads
-        super().__init__(model, frame_skip, fields, current_fields)
-        room = mjx.make_data(model, impl="jax")._impl  # for all pairs of geoms that may touch
-        self._contacts, self._constraints = room.ncon, room.nefc  # pyright: ignore
+    @functools.cached_property
+    def _room(self) -> tuple[int, int]:
+        """Contacts and constraints of a world, if all pairs of geoms touched that may."""
+        of_one_world = mjx.make_data(self.model, impl="jax")._impl
+        return of_one_world.ncon, of_one_world.nefc  # pyright: ignore
 
     def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
         """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""
@@ -97,12 +86,13 @@ class WarpPhysics(MjxPhysics):
         return worlds
 
     def _room_for(self, worlds: int) -> mjx.Data:
+        contacts, constraints = self._room
         with jax.ensure_compile_time_eval():
             data = mjx.make_data(
                 self.model,
                 impl=self.implementation,
-                naconmax=max(1, worlds * self._contacts),
-                njmax=max(1, self._constraints),
+                naconmax=max(1, worlds * contacts),
+                njmax=max(1, constraints),
             )
             empty = jax.tree.map(lambda x: not np.any(x), data)
         # A list for many worlds is no constant to store in a program: what is zero is made there.
@@ -127,24 +117,15 @@ def in_one_call(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
     @rows.def_vmap
     def flattened(axis_size: int, in_batched: list[Any], x: Any) -> tuple[Any, Any]:
-        x = _with_axis(axis_size, in_batched[0], x)
-        joined = rows(jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), x))
-        out = jax.tree.map(lambda x: x.reshape(axis_size, -1, *x.shape[1:]), joined)
+        def joined(has_axis: bool, x: jax.Array) -> jax.Array:
+            x = x if has_axis else jnp.broadcast_to(x, (axis_size, *x.shape))
+            return x.reshape(-1, *x.shape[2:])
+
+        out = rows(jax.tree.map(joined, in_batched[0], x))
+        out = jax.tree.map(lambda x: x.reshape(axis_size, -1, *x.shape[1:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
-    @custom_vmap
     def row(x: Any) -> Any:
         return jax.tree.map(lambda x: x[0], rows(jax.tree.map(lambda x: x[None], x)))
 
-    @row.def_vmap
-    def stacked(axis_size: int, in_batched: list[Any], x: Any) -> tuple[Any, Any]:
-        out = rows(_with_axis(axis_size, in_batched[0], x))
-        return out, jax.tree.map(lambda _: True, out)
-
     return row
-
-
-def _with_axis(size: int, has_axis: Any, tree: Any) -> Any:
-    return jax.tree.map(
-        lambda has, x: x if has else jnp.broadcast_to(x, (size, *x.shape)), has_axis, tree
-    )
