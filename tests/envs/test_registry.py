@@ -177,3 +177,10 @@ def test_errors_of_a_users_own_file_keep_their_traceback(tmp_path):
     assert str(error.traceback[-1].path) == str(file)
     with pytest.raises(UsageError, match=r"Unknown class of .*'Lat'; did you mean 'Late'\?"):
         check_env(f"{file}:Lat")
+
+
+@pytest.mark.parametrize("name", hitmdp_jax.list_envs())
+def test_warp_takes_every_task(name):
+    env = hitmdp_jax.make_env(name, physics="warp")
+    state = jax.eval_shape(env.reset, jax.random.key(0))
+    assert state.obs.shape == (env.observation_size,)

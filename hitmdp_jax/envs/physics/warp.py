@@ -37,6 +37,8 @@ class WarpEngine(Engine):
     def prepare(self, model: mujoco.MjModel, budget: SolverBudget | None = None) -> None:
         """Choose Newton for PGS. No budget: Warp's solver stops where it has converged."""
         newton_for_pgs(model)
+        # A model may decline MuJoCo C's tree of geoms; Warp has none, and refuses to be told so.
+        model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
 
     def build(self, *arguments: Any, **keywords: Any) -> "WarpPhysics":
         """Build the physics of one prepared model; the arguments are those of every engine."""
