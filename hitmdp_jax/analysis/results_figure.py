@@ -31,22 +31,25 @@ def figure(suite: Suite, results: Path) -> Figure | None:
         return None
     columns = {1: 1, 2: 2, 4: 2}.get(len(published), 3)
     rows = -(-len(published) // columns)
-    drawn = Figure(figsize=(WIDTH * columns, HEIGHT * rows + 0.5), layout="constrained")
+    drawn = Figure(figsize=(WIDTH * columns, HEIGHT * rows + 0.8), layout="constrained")
     panels = drawn.subplots(rows, columns, squeeze=False).ravel()
-    arms = list(suite.arms)
+    arms, lines = list(suite.arms), {}
     for axes, (task, cells) in zip(panels, published.items(), strict=False):
         for arm in cells:
             curves = read_curve(results / task / arm)
             returns = smooth(curves["episode_return"], WINDOW)
-            label = f"{arm}, {len(returns)} seeds"
-            draw_mean(axes, curves["env_steps"][0], returns, option_color(arms.index(arm)), label)
+            draw_mean(axes, curves["env_steps"][0], returns, option_color(arms.index(arm)), arm)
+        handles, names = axes.get_legend_handles_labels()
+        lines |= zip(names, handles, strict=True)
         for switch_at in {cell.config.switch_at for cell in cells.values()} - {None}:
             axes.axvline(switch_at, color="black", ls="--", lw=1)
         label_steps(axes)
-        axes.set_title(task)
+        seeds = sorted({cell.config.seeds for cell in cells.values()})
+        axes.set_title(f"{task}: {' or '.join(map(str, seeds))} seeds")
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=7)
     drawn.supylabel("episode return of the training policy")
+    shown = [arm for arm in arms if arm in lines]
+    drawn.legend([lines[arm] for arm in shown], shown, loc="outside lower center", ncols=4 * columns)
     for axes in panels[len(published) :]:
         axes.remove()
     return drawn
