@@ -48,8 +48,8 @@ def figure(suite: Suite, results: Path) -> Figure | None:
         axes.set_title(f"{task}: {' or '.join(map(str, seeds))} seeds")
         axes.grid(alpha=0.3)
     drawn.supylabel("episode return of the training policy")
-    shown = [arm for arm in arms if arm in lines]
-    drawn.legend([lines[arm] for arm in shown], shown, loc="outside lower center", ncols=4 * columns)
+    lines = {arm: lines[arm] for arm in arms if arm in lines}
+    drawn.legend(lines.values(), lines, loc="outside lower center", ncols=4 * columns)
     for axes in panels[len(published) :]:
         axes.remove()
     return drawn
