@@ -33,7 +33,8 @@ def figure(suite: Suite, results: Path) -> Figure | None:
     rows = -(-len(published) // columns)
     drawn = Figure(figsize=(WIDTH * columns, HEIGHT * rows + 0.8), layout="constrained")
     panels = drawn.subplots(rows, columns, squeeze=False).ravel()
-    arms, lines = list(suite.arms), {}
+    arms = list(suite.arms)
+    lines = {}  # arm -> its line in the legend
     for axes, (task, cells) in zip(panels, published.items(), strict=False):
         for arm in cells:
             curves = read_curve(results / task / arm)
@@ -48,7 +49,6 @@ def figure(suite: Suite, results: Path) -> Figure | None:
         axes.set_title(f"{task}: {' or '.join(map(str, seeds))} seeds")
         axes.grid(alpha=0.3)
     drawn.supylabel("episode return of the training policy")
-    lines = {arm: lines[arm] for arm in arms if arm in lines}
     drawn.legend(lines.values(), lines, loc="outside lower center", ncols=4 * columns)
     for axes in panels[len(published) :]:
         axes.remove()
