@@ -27,6 +27,7 @@ POINTS = 100  # of a published curve
 EPISODES = 20  # over which the paper's curves are averaged (App. B), and those of an evaluation
 CONFIG, SEEDS, CURVE, ABOUT = "config.yaml", "seeds.csv", "curve.csv", "about.yaml"
 DRAWING = "options_used.png"  # of a sweep
+BOTH = "; "  # between what is told of two runs that share a cell
 
 Columns = dict[str, np.ndarray]  # by name, [R] each
 
@@ -194,7 +195,7 @@ def _side_by_side(first: Columns, second: Columns) -> Columns:
 def _both(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
     """Return what is told of two runs: hours add up, what differs is told of both."""
     told = {
-        name: x if first[name] == x else f"{first[name]}; {x}"
+        name: x if first[name] == x else f"{first[name]}{BOTH}{x}"
         for name, x in second.items()
         if name != "hours"
     }

@@ -2,13 +2,14 @@
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from hitmdp_jax.analysis import statistics
-from hitmdp_jax.analysis.results import DRAWING, EPISODES, Cell, Columns, read
+from hitmdp_jax.analysis.results import BOTH, DRAWING, EPISODES, Cell, Columns, read
 from hitmdp_jax.analysis.statistics import (
     against,
     interquartile_mean,
@@ -112,15 +113,32 @@ def section(name: str, suite: Suite, results: Path, link: str) -> str:
     if any(missing.values()):
         told = "; ".join(f"{task} ({', '.join(arms)})" for task, arms in missing.items() if arms)
         parts += [f"Not run: {told}.\n"]
-    runs = [["run", "command", "day", "hours", "with"]]
-    runs += [
-        [f"{task}/{arm}", f"`{cell.about['command']}`", *_told(cell)]
+    runs = {
+        f"{task}/{arm}": cell
         for task, published in cells.items()
         for arm, cell in published.items()
-    ]
-    if len(runs) > 1:
-        parts += ["<details><summary>Commands</summary>\n", markdown(runs), "</details>\n"]
+    }
+    if runs:
+        tables = map(markdown, commands(runs))
+        parts += ["<details><summary>Commands</summary>\n", *tables, "</details>\n"]
     return "\n".join(parts)
+
+
+def commands(runs: Mapping[str, Cell]) -> tuple[Rows, Rows]:
+    """Return what made each cell, and the versions and machines that the first numbers.
+
+    Args:
+      runs: name -> cell.
+    """
+    made_with = {name: cell.about["with"].split(BOTH) for name, cell in runs.items()}
+    machines = list(dict.fromkeys(itertools.chain.from_iterable(made_with.values())))
+    made = [["run", "command", "day", "hours", "with"]]
+    for name, cell in runs.items():
+        numbers = ", ".join(str(1 + machines.index(x)) for x in made_with[name])
+        command, day = cell.about["command"], str(cell.about["day"])
+        made.append([name, f"`{command}`", day, f"{cell.about['hours']:.2f}", numbers])
+    numbered = [[str(i), machine] for i, machine in enumerate(machines, 1)]
+    return made, [["with", "versions and device"], *numbered]
 
 
 def all_tasks(suite: Suite, cells: Mapping[str, Mapping[str, Cell]]) -> Rows:
@@ -150,10 +168,6 @@ def all_tasks(suite: Suite, cells: Mapping[str, Mapping[str, Cell]]) -> Rows:
 def _improvement(tasks: Sequence[Mapping[str, Cell]], arm: str, other: str) -> str:
     pairs = [here[name].seeds["last_100k_steps"] for here in tasks for name in (arm, other)]
     return statistics.with_interval(statistics.mean_improvement, *pairs, spec=".2f")
-
-
-def _told(cell: Cell) -> list[str]:
-    return [str(cell.about["day"]), f"{cell.about['hours']:.2f}", cell.about["with"]]
 
 
 def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:

@@ -1,7 +1,7 @@
 import numpy as np
 
 from hitmdp_jax.analysis.results import Cell
-from hitmdp_jax.analysis.results_page import Suite, all_tasks
+from hitmdp_jax.analysis.results_page import Suite, all_tasks, commands
 from hitmdp_jax.training.config import RunConfig
 
 CONFIG = RunConfig(algo={"name": "ppo"}, env={"name": "hopper"})
@@ -46,3 +46,20 @@ def test_the_first_arm_is_held_against_the_others():
         ["mopg", "2", "0.75 [0.75, 0.75]", ""],
         ["dac", "2", "0.25 [0.25, 0.25]", "0.75 [0.75, 0.75]"],
     ]
+
+
+def test_what_cells_were_made_with_is_told_once():
+    def made(by, hours, *machines):
+        about = {"command": by, "day": "2026-11-29", "hours": hours, "with": "; ".join(machines)}
+        return Cell(CONFIG, {}, about)
+
+    runs = {
+        "ant/mopg": made("first; rest", 1.5, "a", "b"),
+        "ant/ppo": made("one", 0.25, "b"),
+    }
+    (_, *made_by), (_, *machines) = commands(runs)
+    assert made_by == [
+        ["ant/mopg", "`first; rest`", "2026-11-29", "1.50", "1, 2"],
+        ["ant/ppo", "`one`", "2026-11-29", "0.25", "2"],
+    ]
+    assert machines == [["1", "a"], ["2", "b"]]
