@@ -22,6 +22,7 @@ from hitmdp_jax.commands.settings import (
     run_config,
 )
 from hitmdp_jax.commands.tensorboard import OptionFigures
+from hitmdp_jax.envs import check_installed
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, exit_with, unknown_name
 from hitmdp_jax.training import processes
@@ -136,6 +137,8 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     else:
         config = run_config(values)
         find_engine(config.physics).check()
+        for task in config.tasks:
+            check_installed(task["name"])
         if config.video_every:
             from hitmdp_jax.commands.video import check_filming
 

@@ -14,7 +14,7 @@ from hitmdp_jax.envs.physics import PhysicsChoice, find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.plugins import is_own, label, load_class
 
-__all__ = ["check_engine", "check_env", "list_envs", "make_env", "register_env"]
+__all__ = ["check_engine", "check_env", "check_installed", "list_envs", "make_env", "register_env"]
 
 VERSIONS = ("v4", "v5")
 
@@ -124,9 +124,10 @@ def check_env(
 ) -> Callable[..., Env]:
     """Return a task's constructor, having checked everything that can be checked without making it.
 
+    What a task's models need may be missing: settings can be read where they cannot be run.
+
     Raises:
-      UsageError: the name, version or a keyword is unknown, a keyword's value is not valid, or an
-        extra is missing.
+      UsageError: the name, version or a keyword is unknown, or a keyword's value is not valid.
     """
     if not isinstance(name, str):
         raise out_of_domain("env", repr(name), "the name of an environment, such as 'halfcheetah'")
@@ -136,8 +137,6 @@ def check_env(
     if name in _REGISTRY:
         if not isinstance(version, str) or version not in VERSIONS:
             raise unknown_name("version", str(version), VERSIONS)
-        if name.startswith("dmc/"):
-            require_suite()
         module, class_name = _REGISTRY[name]
         task = getattr(importlib.import_module(f"hitmdp_jax.envs.{module}"), class_name)
     elif name in _registered:
@@ -149,6 +148,16 @@ def check_env(
         raise unknown_name("environment", name, list_envs())
     check_keywords(label(name), task, task_kwargs, domains=name in _REGISTRY)
     return task
+
+
+def check_installed(name: str) -> None:
+    """Check that what a task's models need is installed.
+
+    Raises:
+      UsageError: an extra is missing.
+    """
+    if name.startswith("dmc/"):
+        require_suite()
 
 
 def _check_interface(name: str, env: Any) -> None:

@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from hitmdp_jax.commands.settings import Settings
+from hitmdp_jax.commands.train import train
+from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.checkpoint import Checkpoints, saved_iterations
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.run import Run
@@ -137,6 +140,15 @@ def test_a_transfer_switches_tasks_and_resumes_on_either_side(command, tmp_path)
 
 
 @pytest.mark.timeout(300)
+def test_a_task_without_its_extra_makes_no_folder(monkeypatch, tmp_path):
+    folder = tmp_path / "run"
+    values = Settings(["experiment=transfer", "pair=cheetah", f"run_dir={folder}"]).values()
+    monkeypatch.setattr("hitmdp_jax.envs.dmc.suite.importlib.util.find_spec", lambda name: None)
+    with pytest.raises(UsageError, match="needs the extra 'dmc'"):
+        train(values, [])
+    assert not folder.exists()
+
+
 def test_ten_seeds_finish(command, tmp_path):
     """Batched factorisations and two devices once hung for ever on two cores."""
     arguments = (*QUICK, "seeds=10", "total_steps=4096")

@@ -10,7 +10,7 @@ from brax.envs.base import Env, State
 from brax.envs.wrappers import training
 
 import hitmdp_jax
-from hitmdp_jax.envs import check_env, physics
+from hitmdp_jax.envs import check_env, check_installed, physics
 from hitmdp_jax.errors import UsageError
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "env"
@@ -94,8 +94,11 @@ def test_mistakes_are_explained(arguments, sentence):
 
 def test_missing_dm_control_is_explained_before_anything_is_made(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=r"needs the extra 'dmc': install it with"):
-        check_env("dmc/walker_walk")
+    assert check_env("dmc/walker_walk").__name__ == "WalkerWalk"  # settings can still be read
+    for attempt in (hitmdp_jax.make_env, check_installed):
+        with pytest.raises(UsageError, match=r"needs the extra 'dmc': install it with"):
+            attempt("dmc/walker_walk")
+    check_installed("hopper")
 
 
 class Corridor(Env):

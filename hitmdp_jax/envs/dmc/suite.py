@@ -19,7 +19,7 @@ def require_suite() -> None:
       UsageError: it is not.
     """
     if importlib.util.find_spec("dm_control") is None:
-        raise missing_extra("dmc", "The dmc tasks")
+        raise missing_extra("dmc", "A dmc task")
 
 
 def load_suite_model(
