@@ -67,6 +67,8 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
     configs = configs_of(commands)
     wanted = [cell for cell, config in configs.items() if not _is_there(folder / cell, config)]
     for cell in wanted:
+        configs[cell].check_installed()
+    for cell in wanted:
         known = results.read(folder / cell)
         if known and known.swept:  # its seeds are not the last of its trainings
             known = None

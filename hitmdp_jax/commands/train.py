@@ -22,8 +22,6 @@ from hitmdp_jax.commands.settings import (
     run_config,
 )
 from hitmdp_jax.commands.tensorboard import OptionFigures
-from hitmdp_jax.envs import check_installed
-from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, exit_with, unknown_name
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import saved_iterations
@@ -102,7 +100,7 @@ def _sweep_folder(settings: Settings) -> Path:
     """Return the folder of a sweep, having checked every job before the first one starts."""
     jobs = [settings.values(job) for job in settings.jobs()]
     for values in jobs:
-        run_config(values)
+        run_config(values).check_installed()
         for flag in ("overwrite", "report", "distributed"):
             flag_setting(values, flag)
         if values["distributed"]:
@@ -136,9 +134,7 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
         config = _resumed(run_dir, names, values)
     else:
         config = run_config(values)
-        find_engine(config.physics).check()
-        for task in config.tasks:
-            check_installed(task["name"])
+        config.check_installed()
         if config.video_every:
             from hitmdp_jax.commands.video import check_filming
 

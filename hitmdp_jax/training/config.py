@@ -12,7 +12,7 @@ import yaml
 
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import Agent, find_agent
-from hitmdp_jax.envs import check_engine, check_env
+from hitmdp_jax.envs import check_engine, check_env, check_installed
 from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
@@ -117,6 +117,16 @@ class RunConfig:
         for setting in config.settings:
             config.make_agent(setting)
         return config
+
+    def check_installed(self) -> None:
+        """Check that what the engine and the tasks need is installed; settings can do without.
+
+        Raises:
+          UsageError: an extra is missing.
+        """
+        find_engine(self.physics).check()
+        for task in self.tasks:
+            check_installed(task["name"])
 
     def make_agent(self, swept: Mapping[str, float] | None = None) -> Agent:
         """Return the agent that `algo` describes, under a setting of what the run sweeps.

@@ -139,7 +139,6 @@ def test_a_transfer_switches_tasks_and_resumes_on_either_side(command, tmp_path)
     assert "they cannot be changed" in moved.stderr
 
 
-@pytest.mark.timeout(300)
 def test_a_task_without_its_extra_makes_no_folder(monkeypatch, tmp_path):
     folder = tmp_path / "run"
     values = Settings(["experiment=transfer", "pair=cheetah", f"run_dir={folder}"]).values()
@@ -149,6 +148,7 @@ def test_a_task_without_its_extra_makes_no_folder(monkeypatch, tmp_path):
     assert not folder.exists()
 
 
+@pytest.mark.timeout(300)
 def test_ten_seeds_finish(command, tmp_path):
     """Batched factorisations and two devices once hung for ever on two cores."""
     arguments = (*QUICK, "seeds=10", "total_steps=4096")
