@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hitmdp_jax.analysis.options import (
@@ -19,7 +19,6 @@ from hitmdp_jax.analysis.options import (
 )
 
 NUM_OPTIONS = 3
-untimed = settings(deadline=None)
 episodes = st.lists(
     st.lists(st.integers(0, NUM_OPTIONS - 1), min_size=1, max_size=12), min_size=1, max_size=4
 )
@@ -42,7 +41,6 @@ def pairs(episodes):
     return [pair for e in episodes for pair in itertools.pairwise(e)]
 
 
-@untimed
 @given(episodes, padding)
 def test_activations_are_the_runs_of_each_episode(episodes, padding):
     sequences = activations(*pad(episodes, padding))
@@ -53,7 +51,6 @@ def test_activations_are_the_runs_of_each_episode(episodes, padding):
         np.testing.assert_array_equal(np.array(episode)[sequence.start], sequence.option)
 
 
-@untimed
 @given(episodes, padding)
 def test_durations_are_the_mean_of_an_episodes_runs(episodes, padding):
     found = durations(*pad(episodes, padding), NUM_OPTIONS)
@@ -65,7 +62,6 @@ def test_durations_are_the_mean_of_an_episodes_runs(episodes, padding):
             assert duration == pytest.approx(expected, nan_ok=True)
 
 
-@untimed
 @given(episodes, padding)
 def test_usage_counts_every_step_of_every_episode(episodes, padding):
     counts = Counter(itertools.chain(*episodes))
@@ -73,7 +69,6 @@ def test_usage_counts_every_step_of_every_episode(episodes, padding):
     np.testing.assert_allclose(usage(*pad(episodes, padding), NUM_OPTIONS), expected)
 
 
-@untimed
 @given(episodes, padding)
 def test_switches_and_transitions_count_pairs_within_episodes(episodes, padding):
     option, alive = pad(episodes, padding)
@@ -88,7 +83,6 @@ def test_switches_and_transitions_count_pairs_within_episodes(episodes, padding)
         np.testing.assert_allclose(matrix[i], expected)
 
 
-@untimed
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=16).filter(any))
 def test_effective_number_lies_between_one_and_the_options_in_use(counts):
     shares = np.array(counts) / sum(counts)

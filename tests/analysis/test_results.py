@@ -30,7 +30,7 @@ def made_up(random, reports=150, seeds=3, options=2):
     return metrics
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.integers(0, 300_000))
 def test_the_last_episodes_are_those_a_loop_from_the_end_finds(seed, count, since):
     metrics = made_up(np.random.default_rng(seed))

@@ -49,7 +49,6 @@ def test_everything_is_measured_on_a_cpu(monkeypatch, capsys):
     assert not [line for line in lines if "failed" in line or "NOT equal" in line]
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize(
     "algo",
     [name if name == "mopg" else pytest.param(name, marks=pytest.mark.slow) for name in AGENTS],

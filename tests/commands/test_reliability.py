@@ -39,15 +39,14 @@ def test_a_run_killed_twenty_times_ends_as_if_it_had_not_been(start, command, tm
             time.sleep(0.02)
         time.sleep(chance.uniform(0.0, 3.0))
         if chance.random() < 0.5:
-            deadline = time.monotonic() + 3.0
-            while not is_writing(killed) and time.monotonic() < deadline:
+            while not is_writing(killed) and process.poll() is None:
                 time.sleep(0.001)
         while_writing += is_writing(killed)
         process.kill()
         _, errors = process.communicate()
         assert "Traceback" not in errors
         process = start("train", f"resume={killed}", "report=false")
-    _, errors = process.communicate(timeout=1500)
+    _, errors = process.communicate()
     assert process.returncode == 0, errors
     print(f"{KILLS} kills, {while_writing} of them while a checkpoint was written")
     assert while_writing >= 5
@@ -68,14 +67,13 @@ def test_memory_and_handles_stay_flat_for_half_an_hour(start, tmp_path):
     process = start("train", *settings, f"run_dir={run_dir}")
     wait_for_rows(run_dir, 3, process)
     watched, samples = psutil.Process(process.pid), []
-    begin = time.monotonic()
-    while time.monotonic() - begin < 1800:
+    for _ in range(60):
         time.sleep(30)
         samples.append(
             (watched.memory_info().rss / 2**20, watched.num_fds(), watched.num_threads())
         )
     process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=60)
+    process.communicate()
     memory, handles, threads = np.array(samples).T
     third = len(samples) // 3
     first, last = np.median(memory[:third]), np.median(memory[-third:])
@@ -101,7 +99,6 @@ def small_disk(tmp_path):
     subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
-@pytest.mark.timeout(300)
 def test_a_full_disk_ends_nothing_that_was_saved(start, command, small_disk):
     """The disk fills up after the first checkpoints: the run goes on and says what it could not."""
     run_dir = small_disk / "run"

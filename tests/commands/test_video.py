@@ -109,7 +109,7 @@ def test_the_end_of_a_run_waits_for_its_video_and_a_signal_does_not(films):
     process = films.videos._process
     films.close()
     assert process.returncode == 0
-    films.code = "import time; time.sleep(100)"
+    films.code = "input()"  # waits for ever
     films.due(2)
     process = films.videos._process
     films.close(requested=True)

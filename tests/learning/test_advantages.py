@@ -31,7 +31,7 @@ def advantages_by_loop(reward, value, next_value, terminated, truncated, gamma, 
     return result
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(
     seed=st.integers(0, 2**31),
     shape=st.sampled_from([(1, 1), (2, 3), (12, 2)]),  # each is compiled anew

@@ -17,7 +17,7 @@ def add(window, finished, returns):
     return window, window.metrics()
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.lists(st.integers(0, 130), min_size=1, max_size=5), st.integers(0, 2**31 - 1))
 def test_recent_returns_are_means_over_the_last_episodes(counts, seed):
     """Against a deque: rollouts of 10 x 13 steps in which so many episodes end."""

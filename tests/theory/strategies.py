@@ -14,7 +14,7 @@ SHAPE = (2, 3, 4)  # (S, K, A), all different; one shape, because each is compil
 ENTROPIES = ("option_entropy", "action_entropy")
 TINY = (2, 2, 2)  # small enough to enumerate trajectories
 
-few = settings(max_examples=25, deadline=None, database=None)
+few = settings(max_examples=25, database=None)
 
 
 @st.composite

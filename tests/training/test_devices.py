@@ -112,7 +112,6 @@ def test_environments_on_two_devices_equal_environments_on_one(on_one_device, mo
     assert {16, 32} & rows_seen == {16}  # eight environments of each training, not all sixteen
 
 
-@pytest.mark.timeout(300)
 def test_four_devices_equal_one(on_one_device, tmp_path):
     cache = {"JAX_COMPILATION_CACHE_DIR": jax.config.jax_compilation_cache_dir, "NPROC": "4"}
     command = [sys.executable, "-c", FOUR_DEVICES, str(tmp_path / "result")]

@@ -34,7 +34,7 @@ def single(low, high):
     sigmoid=st.sampled_from(SIGMOIDS),
     value=single(0.0078125, 0.984375) | st.just(0.0),
 )
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 def test_agrees_with_dm_control(x, lower, width, margin, sigmoid, value):
     if value == 0 and sigmoid not in REACH_ZERO:
         value = 0.1
