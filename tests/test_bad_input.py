@@ -507,9 +507,7 @@ PYTHON = {
     "score half an episode": (lambda: scored(episodes=0.5), "episodes = 0.5 must be"),
     "score words": (lambda: scored(episodes="a"), "episodes = a must be"),
     "score a run of no task": (
-        lambda: score(
-            hitmdp_jax.load("from_python"), RunConfig.load(Path("from_python")), "mjx", 1, None
-        ),
+        lambda: RunConfig.load(Path("from_python")).task_at(1),
         "names no task",
     ),
     "read settings of nowhere": (lambda: RunConfig.load(Path("nowhere")), "is not a run's folder"),
@@ -539,9 +537,7 @@ def act(obs):
 
 
 def scored(engine="mjx", episodes=1):
-    return score(
-        hitmdp_jax.load("run"), RunConfig.load(Path("run")), engine, episodes, jax.random.key(0)
-    )
+    return score(hitmdp_jax.load("run"), {"name": "hopper"}, engine, episodes, jax.random.key(0))
 
 
 OWN = """

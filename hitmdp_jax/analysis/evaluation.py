@@ -15,7 +15,7 @@ from hitmdp_jax.analysis.trajectories import record, record_in_gymnasium
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.physics import ENGINES as PHYSICS
 from hitmdp_jax.errors import UsageError, unknown_name
-from hitmdp_jax.training.config import RunConfig, whole_number
+from hitmdp_jax.training.config import Task, whole_number
 from hitmdp_jax.training.policy import Policy
 
 ENGINES = (*PHYSICS, "gymnasium")
@@ -36,23 +36,20 @@ class Scores:
         return float(self.returns.std(ddof=1) / math.sqrt(n)) if n > 1 else math.nan
 
 
-def check_request(config: RunConfig, engine: str, episodes: int) -> None:
+def check_request(engine: str, episodes: int) -> None:
     """Check what can be checked before a policy is read or an environment made.
 
     Raises:
-      UsageError: the engine is unknown, episodes is not a positive whole number, or the run names
-        no task.
+      UsageError: the engine is unknown, or episodes is not a positive whole number.
     """
     if engine not in ENGINES:
         raise unknown_name("engine", str(engine), ENGINES)
     whole_number("episodes", episodes, at_least=1)
-    if not config.tasks:
-        raise UsageError("The run was saved from Python and names no task.")
 
 
 def score(
     policy: Policy,
-    config: RunConfig,
+    task: Task,
     engine: str,
     episodes: int,
     key: jax.Array,
@@ -62,7 +59,7 @@ def score(
 
     Args:
       policy: what acts.
-      config: the settings of the run it comes from.
+      task: what it learned last, as `RunConfig.task_at` says of its checkpoint's iteration.
       engine: "native", "mjx", "warp" or "gymnasium".
       episodes: how many, all side by side.
       key: PRNG key of the initial states and the actions.
@@ -72,17 +69,16 @@ def score(
       UsageError: the engine is unknown or does not have the task, episodes < 1, or the policy does
         not fit the task.
     """
-    check_request(config, engine, episodes)
+    check_request(engine, episodes)
     if engine == "gymnasium":
-        task = config.tasks[-1]
         recorded = record_in_gymnasium(policy, task, key, episodes, deterministic=deterministic)
         return Scores(np.asarray(recorded.returns), np.asarray(recorded.lengths))
-    return score_in_jax(policy, task_env(config, engine), episodes, key, deterministic)
+    return score_in_jax(policy, task_env(task, engine), episodes, key, deterministic)
 
 
 def score_each(
     policies: Policy,
-    config: RunConfig,
+    task: Task,
     engine: str,
     episodes: int,
     keys: Sequence[jax.Array],
@@ -92,7 +88,7 @@ def score_each(
 
     Args:
       policies: their leaves [R, ...].
-      config: the settings of the run they come from.
+      task: as `score`.
       engine: as `score`; Gymnasium runs them one after the other.
       episodes: how many, of each policy.
       keys: R PRNG keys.
@@ -104,11 +100,11 @@ def score_each(
     Raises:
       UsageError: as `score`.
     """
-    check_request(config, engine, episodes)
+    check_request(engine, episodes)
     if engine == "gymnasium":
         everyone = [(policies.of(i), key) for i, key in enumerate(keys)]
-        return [score(one, config, engine, episodes, key, deterministic) for one, key in everyone]
-    env = task_env(config, engine)
+        return [score(one, task, engine, episodes, key, deterministic) for one, key in everyone]
+    env = task_env(task, engine)
     check_fit(policies.of(0), env)
     returns, lengths, success = jax.device_get(
         _of_each(policies, env, jnp.stack(keys), episodes, deterministic)
@@ -117,9 +113,9 @@ def score_each(
     return [Scores(*of_one) for of_one in zip(returns, lengths, known, strict=True)]
 
 
-def task_env(config: RunConfig, engine: str) -> Env:
-    """Return a run's last task in an engine of JAX; the same object for the same task."""
-    return _env(json.dumps(config.tasks[-1], sort_keys=True), engine)
+def task_env(task: Task, engine: str) -> Env:
+    """Return a task in an engine of JAX; the same object for the same task."""
+    return _env(json.dumps(task, sort_keys=True), engine)
 
 
 def score_in_jax(

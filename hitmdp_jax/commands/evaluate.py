@@ -3,6 +3,7 @@
 import csv
 import itertools
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from hitmdp_jax import plugins
 from hitmdp_jax.analysis.causal import WITHOUT_EACH_OPTION, summary
 from hitmdp_jax.analysis.directed import number_of_options
 from hitmdp_jax.analysis.evaluation import ENGINES, Scores, check_request, score_each, task_env
@@ -19,7 +21,7 @@ from hitmdp_jax.commands.policies import checkpoint_named
 from hitmdp_jax.commands.settings import Parser, guarded
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.checkpoint import Progress
-from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.config import RunConfig, Task
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.policy import Policy, load_all, places
@@ -27,7 +29,7 @@ from hitmdp_jax.training.run import Run
 from hitmdp_jax.training.sweep import PREFIX, Training
 
 COLUMNS: tuple[str, ...] = (
-    "iteration", "seed", "engine", "episodes", "deterministic",
+    "iteration", "task", "seed", "engine", "episodes", "deterministic",
     "return", "std", "min", "max", "std_error", "length",
 )  # fmt: skip
 SEED_OFFSET = 2**20  # keeps the keys of evaluations apart from those of trainings
@@ -59,7 +61,7 @@ def _main() -> None:
         raise UsageError(f"'{options.run_dir}' was saved from Python and names no task.")
     chosen = places(config, options.seed, options.setting)
     engine = config.physics if options.engine is None else options.engine
-    check_request(config, engine, options.episodes)
+    check_request(engine, options.episodes)
     side_by_side = options.episodes * len(chosen)
     if options.choices:
         if engine == "gymnasium":
@@ -71,14 +73,15 @@ def _main() -> None:
     trainings = [config.trainings[place] for place in chosen]
     keys = [jax.random.key(training.seed + SEED_OFFSET) for training in trainings]
     policies = everyone.of(np.array(chosen))
-    scores = score_each(policies, config, engine, options.episodes, keys, options.deterministic)
+    task = config.task_at(iteration)
+    scores = score_each(policies, task, engine, options.episodes, keys, options.deterministic)
     rows = [
-        row(of_one, iteration, training, engine, options.deterministic)
+        row(of_one, iteration, task, training, engine, options.deterministic)
         for of_one, training in zip(scores, trainings, strict=True)
     ]
     choices = []
     if options.choices:
-        env = task_env(config, engine)
+        env = task_env(task, engine)
         for i, key in enumerate(keys):
             insight = Insight(policies.of(i), env, key, options.episodes)
             choices.append(summary(insight.interventions))
@@ -90,7 +93,11 @@ def _main() -> None:
     index = list(config.trainings[0].columns)
     numbers = ["return", "std", "min", "max", "std error", "length"]
     numbers += ["success"] if "success" in rows[0] else []
-    table = Table(*(name.removeprefix(PREFIX) for name in index), *numbers, title=engine)
+    table = Table(
+        *(name.removeprefix(PREFIX) for name in index),
+        *numbers,
+        title=f"{plugins.label(task['name'])} in {engine}",
+    )
     for entry in rows:
         numbers = [entry[name] for name in ("return", "std", "min", "max", "std_error")]
         shown = ("-" if x is None else f"{x:,.1f}" for x in numbers)
@@ -106,14 +113,14 @@ def _main() -> None:
 
 
 def row(
-    scores: Scores, iteration: int, training: Training, engine: str, deterministic: bool
+    scores: Scores, iteration: int, task: Task, training: Training, engine: str, deterministic: bool
 ) -> dict[str, Any]:
     """Return what is written of one training's scores."""
     returns = scores.returns
     error = scores.standard_error
     numbers = (returns.mean(), returns.std(), returns.min(), returns.max())
     values = (
-        iteration, training.seed, engine, len(returns), deterministic,
+        iteration, plugins.label(task["name"]), training.seed, engine, len(returns), deterministic,
         *(float(x) for x in numbers), None if np.isnan(error) else error,
         float(scores.lengths.mean()),
     )  # fmt: skip
@@ -122,18 +129,27 @@ def row(
 
 
 def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:
-    """Add rows to the run's evaluations.csv."""
-    path = run_dir / "evaluations.csv"
-    new = not path.exists()
-    with path.open("a", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        if new:
-            writer.writeheader()
-        writer.writerows(rows)
+    """Add rows to the run's evaluations.csv, whose columns become those of all rows.
+
+    An older version left out some, and a transfer's second task may know of success alone.
+    """
+    path, known = run_dir / "evaluations.csv", []
+    if path.exists():
+        with path.open(newline="") as file:
+            known = list(csv.DictReader(file))
+    columns = dict.fromkeys(name for one in (*rows[:1], *known[:1]) for name in one)
+    beside = path.with_suffix(".tmp")
+    with beside.open("w", newline="") as file:
+        writer = csv.DictWriter(file, columns, restval="")
+        writer.writeheader()
+        writer.writerows([*known, *rows])
+    os.replace(beside, path)
 
 
 class Evaluation:
     """Scores every policy while a run trains: whole episodes of the deterministic one.
+
+    In a transfer they are episodes of the task that the run is on.
 
     Args:
       config: the run's settings, `eval_every` and `eval_episodes` among them.
@@ -157,9 +173,10 @@ class Evaluation:
             jax.random.fold_in(jax.random.key(training.seed + SEED_OFFSET), progress.iteration)
             for training in config.trainings
         ]
-        scores = score_each(everyone, config, config.physics, config.eval_episodes, keys, True)
+        task = config.task_at(progress.iteration)
+        scores = score_each(everyone, task, config.physics, config.eval_episodes, keys, True)
         rows = [
-            row(of_one, progress.iteration, training, config.physics, True)
+            row(of_one, progress.iteration, task, training, config.physics, True)
             for of_one, training in zip(scores, config.trainings, strict=True)
         ]
         append(self._run_dir, rows)

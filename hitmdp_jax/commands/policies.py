@@ -2,10 +2,10 @@
 
 import argparse
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from hitmdp_jax.commands.settings import Parser
-from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.config import RunConfig, Task
 from hitmdp_jax.training.policy import Policy, load_all, places
 from hitmdp_jax.training.sweep import Training
 
@@ -25,8 +25,8 @@ class Chosen(NamedTuple):
         return self.config.steps_after(self.iteration)
 
     @property
-    def task(self) -> dict[str, Any]:
-        """The task that the run was on, as `make_env` takes it; the run names one."""
+    def task(self) -> Task:
+        """The task that the policy learned last; Raises as `RunConfig.task_at`."""
         return self.config.task_at(self.iteration)
 
 

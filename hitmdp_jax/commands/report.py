@@ -92,8 +92,6 @@ def report(
 
     @functools.cache
     def policy_and_env() -> tuple[Policy, Any]:
-        if not config.tasks:
-            raise UsageError("The run was saved from Python and names no task.")
         iteration, everyone = load_all(run_dir)
         task = config.task_at(iteration)
         engine = config.physics if task["name"].startswith("brax/") else ENGINE

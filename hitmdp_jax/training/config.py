@@ -40,6 +40,7 @@ WHOLE = {  # name -> the least value
     "seed": 0,
 }
 WANDB = ("off", "program", "seed")
+Task = dict[str, Any]  # a task's name, version and keywords, as `make_env` takes them
 BESIDE_THE_POINT = (
     "data_devices",
     "checkpoint_steps",
@@ -167,7 +168,7 @@ class RunConfig:
         ]
 
     @property
-    def tasks(self) -> list[dict[str, Any]]:
+    def tasks(self) -> list[Task]:
         """The tasks trained on, one after the other, `total_steps` each."""
         return [task for task in (self.env, self.second_env) if task is not None]
 
@@ -218,9 +219,18 @@ class RunConfig:
         """Environment steps of one seed in the whole run."""
         return self.steps_after(self.last_iteration)
 
-    def task_at(self, iteration: int) -> dict[str, Any]:
-        """Return the task, as `make_env` takes it, that the iteration of that number is on."""
-        return self.tasks[min((iteration - 1) // self.iterations, len(self.tasks) - 1)]
+    def task_at(self, iteration: int) -> Task:
+        """Return the task that the iteration of that number, from 1, is on.
+
+        It is also the task that a checkpoint of that iteration is scored, filmed and exported on.
+
+        Raises:
+          UsageError: the run names no task.
+        """
+        if not self.tasks:
+            raise UsageError("The run was saved from Python and names no task.")
+        number = max(iteration - 1, 0) // self.iterations
+        return self.tasks[min(number, len(self.tasks) - 1)]
 
     def steps_after(self, iteration: int) -> int:
         """Return the environment steps of one seed after so many iterations."""

@@ -15,10 +15,10 @@ from hitmdp_jax.analysis import evaluation
 from hitmdp_jax.analysis.evaluation import Scores, score, score_each, score_in_jax
 from hitmdp_jax.analysis.trajectories import record
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.policy import Policy
 from tests.probes import Counter
-from tests.training.test_config import SETTINGS
+
+PENDULUM = {"name": "invertedpendulum"}
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
@@ -68,11 +68,10 @@ class CountsTraces(Counter):
 
 
 def test_all_seeds_of_a_run_share_one_compilation(key, monkeypatch):
-    config = RunConfig.from_mapping(SETTINGS)
     monkeypatch.setattr(evaluation, "make_env", lambda **_: CountsTraces())
     traces = []
     for seed_key in jax.random.split(key, 2):
-        score(untrained(2, 1, seed_key), config, "warp", 3, seed_key)
+        score(untrained(2, 1, seed_key), {"name": "halfcheetah"}, "warp", 3, seed_key)
         traces.append(CountsTraces.traces)
     assert traces[0] == traces[1] > 0
 
@@ -87,9 +86,8 @@ def test_a_single_episode_has_no_standard_error():
 
 def test_engines_and_gymnasium_agree(key):
     """An untrained policy drops the pole after a few steps, in every engine alike."""
-    config = RunConfig.from_mapping(SETTINGS | {"env": {"name": "invertedpendulum"}})
     policy = untrained(4, 1, key)
-    scores = {e: score(policy, config, e, 64, key) for e in ("native", "gymnasium")}
+    scores = {e: score(policy, PENDULUM, e, 64, key) for e in ("native", "gymnasium")}
     native, gymnasium = scores["native"], scores["gymnasium"]
     difference = abs(native.returns.mean() - gymnasium.returns.mean())
     assert difference < 3 * np.hypot(native.standard_error, gymnasium.standard_error)
@@ -100,24 +98,22 @@ def test_engines_and_gymnasium_agree(key):
 
 @pytest.mark.parametrize("engine", ["native", "gymnasium"])
 def test_policies_side_by_side_score_as_each_alone(key, engine):
-    config = RunConfig.from_mapping(SETTINGS | {"env": {"name": "invertedpendulum"}})
     keys = list(jax.random.split(key, 3))
     alone = [untrained(4, 1, k) for k in keys]
     # What is swept has a training's axis; what is not has none.
     everyone = jax.tree.map(lambda *x: jnp.stack(x) if np.ndim(x[0]) else x[0], *alone)
-    together = score_each(everyone.of(np.array([2, 0])), config, engine, 4, [keys[2], keys[0]])
+    together = score_each(everyone.of(np.array([2, 0])), PENDULUM, engine, 4, [keys[2], keys[0]])
     for scores, i in zip(together, (2, 0), strict=True):
-        expected = score(alone[i], config, engine, 4, keys[i])
+        expected = score(alone[i], PENDULUM, engine, 4, keys[i])
         np.testing.assert_array_equal(scores.lengths, expected.lengths)
         np.testing.assert_allclose(scores.returns, expected.returns, rtol=1e-5)
 
 
 def test_mistakes_are_explained(key):
-    config = RunConfig.from_mapping(SETTINGS)
     with pytest.raises(UsageError, match="did you mean 'gymnasium'"):
-        score(untrained(17, 6, key), config, "gym", 1, key)
+        score(untrained(17, 6, key), PENDULUM, "gym", 1, key)
     with pytest.raises(UsageError, match="episodes = 0 must be a positive whole number"):
-        score(untrained(17, 6, key), config, "native", 0, key)
+        score(untrained(17, 6, key), PENDULUM, "native", 0, key)
 
 
 def test_the_command_explains_a_missing_run():

@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
+from hitmdp_jax.commands.evaluate import append
 from tests.commands.conftest import rows_of
 
 
@@ -53,6 +54,15 @@ def test_other_choices_of_options_are_scored_too(evaluated, run_dir):
     assert row["worst_option"] <= row["best_option"]
     assert len(rows_of(run_dir, "evaluations.csv")) == before + 1
     assert "by what chooses the options" in evaluated(*arguments)
+
+
+def test_the_columns_of_an_older_version_gain_those_that_it_did_not_have(tmp_path):
+    (tmp_path / "evaluations.csv").write_text("iteration,seed,return\r\n1,3,5.0\r\n")
+    append(tmp_path, [{"iteration": 2, "task": "hopper", "seed": 3, "return": 6.0}])
+    assert [dict(row) for row in rows_of(tmp_path, "evaluations.csv")] == [
+        {"iteration": "1", "task": "", "seed": "3", "return": "5.0"},
+        {"iteration": "2", "task": "hopper", "seed": "3", "return": "6.0"},
+    ]
 
 
 def test_choices_need_an_engine_that_they_can_be_made_in(command, run_dir):

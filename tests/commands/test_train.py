@@ -118,6 +118,7 @@ def test_a_transfer_switches_tasks_and_resumes_on_either_side(command, tmp_path)
     """Two seeds, so that a state restored at the switch has to find its two devices."""
     pair = ("experiment=transfer", "pair=cartpole", "algo=ppo", "physics=native", "seeds=2")
     settings = (*pair, *SMALL, "total_steps=4096", "checkpoint_steps=2048")
+    settings += ("eval_every=4096", "eval_episodes=1")
     whole = tmp_path / "whole"
     result = command("train", *settings, f"run_dir={whole}")
     assert result.returncode == 0, result.stderr
@@ -125,6 +126,19 @@ def test_a_transfer_switches_tasks_and_resumes_on_either_side(command, tmp_path)
     steps = [row["env_steps"] for row in rows_of(whole)[::2]]
     assert steps == ["2048", "4096", "6144", "8192"]
     assert restore(whole).task == 1
+    # A policy is scored on the task that it was on. The sparse one's returns are whole numbers.
+    assert command("evaluate", whole, "--episodes=1", "--checkpoint=2").returncode == 0
+    rows = rows_of(whole, "evaluations.csv")
+    tasks = ["dmc/cartpole_balance", "dmc/cartpole_balance_sparse"]
+    assert [(row["iteration"], row["task"]) for row in rows[::2]] == [
+        ("2", tasks[0]), ("4", tasks[1]), ("2", tasks[0])
+    ]  # fmt: skip
+    whole_numbers = [float(row["return"]).is_integer() for row in rows]
+    assert whole_numbers == [row["task"] == tasks[1] for row in rows]
+    for checkpoint, task in zip((2, 4), tasks, strict=True):
+        path = tmp_path / f"{checkpoint}.onnx"
+        command("export", whole, f"--checkpoint={checkpoint}", f"--out={path}")
+        assert json.loads(path.with_name(f"{path.name}.json").read_text())["task"]["name"] == task
     for last in (2, 3):  # at the switch, and past it
         part = shutil.copytree(whole, tmp_path / f"until_{last}")
         for iteration in saved_iterations(part):

@@ -67,6 +67,13 @@ def test_a_transfer_has_relu_bodies_and_switches_after_total_steps(algo):
     assert RunConfig.from_mapping(SETTINGS).switch_at is None
 
 
+def test_every_iteration_of_a_transfer_has_its_task():
+    config = Settings(["experiment=transfer", "pair=fish", "total_steps=10_000"]).config()
+    names = [config.task_at(i)["name"] for i in range(1, config.last_iteration + 1)]
+    assert names == ["dmc/fish_upright"] * 5 + ["dmc/fish_downleft"] * 5
+    assert config.task_at(0) == config.env
+
+
 def test_those_who_need_it_keep_trying_in_a_transfer():
     """MOPG and PPO have the entropy weight that the paper prints; the others have their own."""
 
