@@ -123,7 +123,7 @@ def comparison_figure(
     axes = figure.subplots()
     for i, (algo, folder) in enumerate(run_dirs.items()):
         color = OPTION_COLORS[i % len(OPTION_COLORS)]
-        draw_seeds(axes, read_metrics(folder), color, label=algo)
+        draw_seeds(axes, read_metrics(folder), color, algo, switch_at)
     label_curves(axes, title, switch_at)
     axes.legend()
     return figure

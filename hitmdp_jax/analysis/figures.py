@@ -36,17 +36,37 @@ def read_metrics(run_dir: Path) -> dict[str, np.ndarray]:
     return {name: np.array(x).reshape(-1, num_seeds).T for name, x in columns.items()}
 
 
-def window_sum(x: np.ndarray, window: int = WINDOW) -> np.ndarray:
-    """Return the sum [S, n] of each curve's last `window` points."""
-    total = np.cumsum(x, axis=1)
-    total[:, window:] -= total[:, :-window].copy()
-    return total
+def window_sum(
+    x: np.ndarray, steps: np.ndarray, switch_at: int | None, window: int = WINDOW
+) -> np.ndarray:
+    """Return the sum [S, n] of each curve's last `window` points, those of one task alone.
+
+    Args:
+      x: the curves [S, n].
+      steps: environment steps at the points [n], ascending.
+      switch_at: environment steps after which a transfer's second task began; None of one task.
+      window: how many points, at most: fewer stand at the beginning of a task.
+    """
+    begins = [] if switch_at is None else [np.searchsorted(steps, switch_at, side="right")]
+    sums = []
+    for of_task in np.split(x, begins, axis=1):
+        total = np.cumsum(of_task, axis=1)
+        total[:, window:] -= total[:, :-window].copy()
+        sums.append(total)
+    return np.concatenate(sums, axis=1)
 
 
-def smooth(x: np.ndarray, window: int = WINDOW) -> np.ndarray:
-    """Return the mean [S, n] of each curve's last `window` points, the finite ones."""
+def smooth(
+    x: np.ndarray, steps: np.ndarray, switch_at: int | None, window: int = WINDOW
+) -> np.ndarray:
+    """Return the mean [S, n] of each curve's last `window` points, the finite ones of one task.
+
+    Args are those of `window_sum`.
+    """
     known = np.isfinite(x)
-    total, count = window_sum(np.where(known, x, 0.0), window), window_sum(known, window)
+    total, count = (
+        window_sum(part, steps, switch_at, window) for part in (np.where(known, x, 0.0), known)
+    )
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
@@ -67,14 +87,19 @@ def plain_log(axis: Axis) -> None:
 
 
 def draw_seeds(
-    axes: Axes, metrics: dict[str, np.ndarray], color: str, label: str | None = None
+    axes: Axes,
+    metrics: dict[str, np.ndarray],
+    color: str,
+    label: str | None = None,
+    switch_at: int | None = None,
 ) -> None:
     """Draw the smoothed return of every seed, thin, and their mean and standard deviation.
 
     A seed that failed is seen, and not averaged away; there is a mean only where every seed has a
     return.
     """
-    steps, returns = metrics["env_steps"][0], smooth(metrics["episode_return"])
+    steps = metrics["env_steps"][0]
+    returns = smooth(metrics["episode_return"], steps, switch_at)
     draw_mean(axes, steps, returns, color, label)
     if len(returns) > 1:
         axes.plot(steps, returns.T, color=color, lw=THIN, alpha=FAINT)
@@ -105,6 +130,11 @@ def label_curves(axes: Axes, title: str, switch_at: int | None) -> None:
         title=title,
     )
     axes.grid(alpha=0.3)
+    mark_switch(axes, switch_at)
+
+
+def mark_switch(axes: Axes, switch_at: int | None) -> None:
+    """Mark where a transfer's second task began, if there is one."""
     if switch_at is not None:
         axes.axvline(switch_at, color="black", ls="--", lw=1)
 
@@ -123,7 +153,7 @@ def learning_curve(
     axes = figure.subplots()
     num_seeds = len(metrics["env_steps"])
     label = f"mean and standard deviation of {num_seeds} seeds" if num_seeds > 1 else None
-    draw_seeds(axes, metrics, OPTION_COLORS[0], label)
+    draw_seeds(axes, metrics, OPTION_COLORS[0], label, switch_at)
     if label:
         axes.plot([], [], color=OPTION_COLORS[0], lw=THIN, alpha=FAINT, label="each seed")
         axes.legend(framealpha=1.0)
@@ -132,31 +162,39 @@ def learning_curve(
 
 
 def option_curves(
-    metrics: Mapping[str, np.ndarray], place: int = 0
+    metrics: Mapping[str, np.ndarray], switch_at: int | None, place: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return each option's share of the steps and mean duration, [K, n], over `WINDOW` iterations.
 
     Args:
       metrics: as `read_metrics` gives them, of a run with options.
+      switch_at: environment steps after which a transfer's second task began; None of one task.
       place: the seed's: options have no common order across seeds.
     """
     num_options = sum(name.startswith("option_steps_") for name in metrics)
+    steps = metrics["env_steps"][0]
     counts, starts = (
-        window_sum(np.nan_to_num([metrics[f"{name}_{k}"][place] for k in range(num_options)]))
+        window_sum(
+            np.nan_to_num([metrics[f"{name}_{k}"][place] for k in range(num_options)]),
+            steps,
+            switch_at,
+        )
         for name in ("option_steps", "option_activations")
     )
     return counts / np.maximum(counts.sum(axis=0), 1.0), mean_duration(counts, starts)
 
 
-def option_durations(metrics: dict[str, np.ndarray], title: str) -> Figure:
+def option_durations(
+    metrics: Mapping[str, np.ndarray], title: str, switch_at: int | None = None
+) -> Figure:
     """Plot each option's mean duration and share of steps against environment steps (Figure 6).
 
-    One seed's options are plotted, the first's.
+    One seed's options are plotted, the first's. Args are those of `learning_curve`.
     """
     figure = Figure(figsize=(6, 6), layout="constrained")
     duration_axes, usage_axes = figure.subplots(2, sharex=True)
     steps = metrics["env_steps"][0]
-    shares, durations = option_curves(metrics)
+    shares, durations = option_curves(metrics, switch_at)
     colors = [option_color(k) for k in range(len(shares))]
     for k, color in enumerate(colors):
         duration_axes.plot(steps, durations[k], color=color, label=f"option {k}")
@@ -164,6 +202,8 @@ def option_durations(metrics: dict[str, np.ndarray], title: str) -> Figure:
     duration_axes.set(ylabel="mean duration (steps)", yscale="log", title=title)
     duration_axes.grid(alpha=0.3)
     plain_log(duration_axes.yaxis)
+    for axes in (duration_axes, usage_axes):
+        mark_switch(axes, switch_at)
     usage_axes.set(ylabel="share of steps", ylim=(0, 1))
     usage_axes.margins(x=0)
     label_steps(usage_axes)
@@ -197,7 +237,7 @@ def draw_figures(
     if "episode_return" in metrics and np.isfinite(metrics["episode_return"]).any():
         figures["learning_curve"] = learning_curve(metrics, title, switch_at)
     if "option_steps_0" in metrics:
-        figures["option_durations"] = option_durations(metrics, title)
+        figures["option_durations"] = option_durations(metrics, title, switch_at)
     folder = run_dir / "figures"
     folder.mkdir(exist_ok=True)
     for name, figure in figures.items():

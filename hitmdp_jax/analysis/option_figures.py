@@ -15,6 +15,7 @@ from matplotlib.patches import Rectangle
 from hitmdp_jax.analysis.drawing import UNKNOWN, lanes, lowest, small_multiples
 from hitmdp_jax.analysis.figures import (
     label_steps,
+    mark_switch,
     option_color,
     option_curves,
     option_durations,
@@ -29,18 +30,19 @@ FILM_WIDTH = 9.4  # inches of all pictures of an episode
 Metrics = Mapping[str, np.ndarray]
 
 
-def figure6(metrics: Metrics, title: str) -> Figure:
+def figure6(metrics: Metrics, title: str, switch_at: int | None = None) -> Figure:
     """Draw each option's duration and share of steps in training.
 
     Args:
       metrics: of one seed, [1, iterations], as `read_metrics` gives them.
       title: the figure's title.
+      switch_at: environment steps after which a transfer's second task began; it is marked.
 
     Raises:
       UsageError: the run has no options, or no iteration yet.
     """
     _count_options(metrics, title)
-    return option_durations(dict(metrics), title)
+    return option_durations(metrics, title, switch_at)
 
 
 def figure7(insight: Insight, number: int = 4) -> Figure:
@@ -64,11 +66,12 @@ def figure7(insight: Insight, number: int = 4) -> Figure:
     return figure
 
 
-def figure8(runs: Mapping[str, Metrics]) -> Figure:
+def figure8(runs: Mapping[str, Metrics], switches: Mapping[str, int | None]) -> Figure:
     """Draw the durations of several runs' options in training side by side.
 
     Args:
       runs: what each run is called -> its metrics of one seed, [1, iterations].
+      switches: the same -> environment steps after which a transfer's second task began, or None.
 
     Raises:
       UsageError: a run has no options, or no iteration yet.
@@ -82,8 +85,9 @@ def figure8(runs: Mapping[str, Metrics]) -> Figure:
 
     def draw(i: int, axes: Axes) -> None:
         metrics, name = runs[names[i]], names[i]
-        for k, duration in enumerate(option_curves(metrics)[1]):
+        for k, duration in enumerate(option_curves(metrics, switches[name])[1]):
             axes.plot(metrics["env_steps"][0], duration, color=option_color(k))
+        mark_switch(axes, switches[name])
         axes.set_title(name, fontsize="medium")
         axes.set(yscale="log")
         axes.grid(alpha=0.3)

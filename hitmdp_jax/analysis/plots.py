@@ -35,7 +35,7 @@ def learning_curves(
     runs: Mapping[str, Mapping[str, np.ndarray]],
     column: str,
     title: str,
-    switch_at: int | None,
+    switches: Mapping[str, int | None],
     window: int = WINDOW,
 ) -> go.Figure:
     """Draw a metric of every seed, thin, and the mean over seeds.
@@ -44,14 +44,15 @@ def learning_curves(
       runs: name -> metrics as `read_metrics` gives them.
       column: which metric.
       title: what the vertical axis shows.
-      switch_at: environment steps after which a transfer's second task began.
+      switches: name -> environment steps after which a transfer's second task began, or None.
       window: points over which a curve is smoothed.
     """
     shown = figure(420, xaxis_title="environment steps", yaxis_title=title)
     for i, (name, metrics) in enumerate(runs.items()):
         color = OPTION_COLORS[i % len(OPTION_COLORS)]
         chosen = np.unique(np.linspace(0, metrics["env_steps"].shape[1] - 1, POINTS).astype(int))
-        steps, values = metrics["env_steps"][0, chosen], smooth(metrics[column], window)[:, chosen]
+        steps, values = metrics["env_steps"][0, chosen], metrics[column]
+        values = smooth(values, metrics["env_steps"][0], switches[name], window)[:, chosen]
         for seed, curve in zip(metrics["seed"][:, 0].astype(int), values, strict=True):
             shown.add_scatter(
                 x=steps,
@@ -66,15 +67,23 @@ def learning_curves(
             mean = values[:, known].mean(axis=0).astype(np.float32)
             line = {"color": color, "width": 3}
             shown.add_scatter(x=steps[known], y=mean, name=f"{name}, mean", line=line)
-    if switch_at is not None:
-        shown.add_vline(switch_at, line_dash="dash", annotation_text="second task")
+    for switch_at in set(switches.values()):
+        mark_switch(shown, switch_at)
     return shown
 
 
-def training_options(metrics: Mapping[str, np.ndarray], place: int) -> tuple[go.Figure, go.Figure]:
+def mark_switch(shown: go.Figure, switch_at: int | None) -> None:
+    """Mark where a transfer's second task began, if there is one."""
+    if switch_at is not None:
+        shown.add_vline(switch_at, line_dash="dash", annotation_text="second task")
+
+
+def training_options(
+    metrics: Mapping[str, np.ndarray], place: int, switch_at: int | None = None
+) -> tuple[go.Figure, go.Figure]:
     """Draw how one training's options shared the steps, and how long they lasted."""
     steps = metrics["env_steps"][0]
-    shares, durations = option_curves(metrics, place)
+    shares, durations = option_curves(metrics, switch_at, place)
     usage = figure(300, xaxis_title="environment steps", yaxis_title="share of steps")
     lasting = figure(300, xaxis_title="environment steps", yaxis_title="mean duration (steps)")
     chosen = np.unique(np.linspace(0, len(steps) - 1, POINTS).astype(int))
@@ -83,6 +92,8 @@ def training_options(metrics: Mapping[str, np.ndarray], place: int) -> tuple[go.
         line = {"color": option_color(k)}
         usage.add_scatter(y=shares[k, chosen], stackgroup="all", line=line | {"width": 0}, **style)
         lasting.add_scatter(y=durations[k, chosen], line=line, **style)
+    for shown in (usage, lasting):
+        mark_switch(shown, switch_at)
     usage.update_yaxes(range=[0, 1])
     lasting.update_yaxes(type="log")
     return usage, lasting

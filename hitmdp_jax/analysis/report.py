@@ -195,7 +195,7 @@ class RunReport:
     def learning(self) -> Parts:
         """Draw the return while it learned, seed by seed."""
         config, metrics = self.config, self.metrics
-        runs, switch = {config.algo["name"]: metrics}, config.switch_at
+        runs = {config.algo["name"]: metrics}
         if config.sweep:
             best = rank(metrics, config)
             yield table(sweep_table(best))
@@ -206,14 +206,15 @@ class RunReport:
                 }
                 for result in best[:SETTINGS]
             }
-        yield chart(plots.learning_curves(runs, "episode_return", "episode return", switch))
+        switches = dict.fromkeys(runs, config.switch_at)
+        yield chart(plots.learning_curves(runs, "episode_return", "episode return", switches))
         yield text("Thin lines are seeds, over the last 20 iterations each; the policy samples.")
 
     def options_in_training(self) -> Parts:
         """Draw how options shared the steps, and how long they lasted."""
         if "option_steps_0" not in self.metrics:
             raise UsageError("The policy has no options.")
-        for shown in plots.training_options(self.metrics, self.place):
+        for shown in plots.training_options(self.metrics, self.place, self.config.switch_at):
             yield chart(shown)
 
     def behaviour(self) -> Parts:
@@ -373,9 +374,8 @@ def compare(runs: Mapping[str, tuple[Path, RunConfig]]) -> str:
         yield text(f"Returns of the last {FINAL_STEPS:,} steps; {next(iter(runs))} is the control.")
 
     def curves() -> Parts:
-        switches = {config.switch_at for config in configs.values()}
-        switch = switches.pop() if len(switches) == 1 else None
-        yield chart(plots.learning_curves(metrics, "episode_return", "episode return", switch))
+        switches = {name: config.switch_at for name, config in configs.items()}
+        yield chart(plots.learning_curves(metrics, "episode_return", "episode return", switches))
 
     def seeds() -> Parts:
         yield chart(plots.profiles(list(scores), list(scores.values())))

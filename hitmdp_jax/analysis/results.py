@@ -105,11 +105,25 @@ def read(folder: Path) -> Cell | None:
     )
 
 
-def read_curve(folder: Path) -> Columns:
-    """Return a published cell's curves as `read_metrics` gives those of a run: [R, points] each."""
+def read_curve(folder: Path, switch_at: int | None) -> Columns:
+    """Return a published cell's curves as `read_metrics` gives those of a run: [R, points] each.
+
+    A return is NaN at a point that holds episodes of both tasks of a transfer, as those of an older
+    version may.
+
+    Args:
+      folder: the cell's.
+      switch_at: environment steps after which a transfer's second task began; None of one task.
+    """
     columns = _read(folder / CURVE)
     size = int((columns["env_steps"] == columns["env_steps"][0]).sum())
-    return {name: x.reshape(-1, size).T for name, x in columns.items()}
+    curves = {name: x.reshape(-1, size).T for name, x in columns.items()}
+    if switch_at is not None:
+        ends = curves["env_steps"]
+        begins = np.concatenate([np.zeros_like(ends[:, :1]), ends[:, :-1]], axis=1)
+        mixed = (begins < switch_at) & (switch_at < ends)
+        curves["episode_return"] = np.where(mixed, np.nan, curves["episode_return"])
+    return curves
 
 
 def columns_of(config: RunConfig, metrics: Mapping[str, np.ndarray]) -> Columns:
@@ -164,14 +178,21 @@ def _trainings(config: RunConfig) -> Columns:
 def curve(config: RunConfig, metrics: Mapping[str, np.ndarray]) -> Columns:
     """Return the mean return of the episodes that ended before each of `POINTS` points.
 
-    A row is a training at a point; NaN where none ended since the point before.
+    A row is a training at a point; NaN where none ended since the point before. No point holds
+    episodes of two tasks: where a transfer switches, one ends.
 
     Args:
       config: the run's settings.
       metrics: as `read_metrics` gives them.
     """
-    parts = np.array_split(np.arange(metrics["env_steps"].shape[1]), POINTS)
-    parts = [part for part in parts if len(part)]
+    steps = metrics["env_steps"][0]
+    switch = np.searchsorted(steps, config.switch_at or 0, side="right")
+    parts = [
+        part
+        for of_task in np.split(np.arange(len(steps)), [switch])
+        for part in np.array_split(of_task, max(1, round(POINTS * len(of_task) / len(steps))))
+        if len(part)
+    ]
     returns = [mean_return(metrics, part) for part in parts]
     steps = [metrics["env_steps"][:, part[-1]] for part in parts]
     return {

@@ -31,10 +31,9 @@ def curves_page(suites: Mapping[str, Suite], results: Path) -> str:
 
 
 def _task(cells: Mapping[str, Cell], folder: Path) -> Parts:
-    curves = {name: read_curve(folder / name) for name in cells}
-    switches = {cell.config.switch_at for cell in cells.values()}
-    switch = switches.pop() if len(switches) == 1 else None
-    yield chart(plots.learning_curves(curves, "episode_return", "return", switch, window=1))
+    switches = {name: cell.config.switch_at for name, cell in cells.items()}
+    curves = {name: read_curve(folder / name, switches[name]) for name in cells}
+    yield chart(plots.learning_curves(curves, "episode_return", "return", switches, window=1))
     returns = {name: cell.seeds["last_100k_steps"] for name, cell in cells.items()}
     middles = [interquartile_mean(x) for x in returns.values()]
     ends = [bootstrap_interval(interquartile_mean, x) for x in returns.values()]

@@ -36,10 +36,12 @@ def figure(suite: Suite, results: Path) -> Figure | None:
     arms = list(suite.arms)
     lines = {}  # arm -> its line in the legend
     for axes, (task, cells) in zip(panels, published.items(), strict=False):
-        for arm in cells:
-            curves = read_curve(results / task / arm)
-            returns = smooth(curves["episode_return"], WINDOW)
-            draw_mean(axes, curves["env_steps"][0], returns, option_color(arms.index(arm)), arm)
+        for arm, cell in cells.items():
+            switch_at = cell.config.switch_at
+            curves = read_curve(results / task / arm, switch_at)
+            steps = curves["env_steps"][0]
+            returns = smooth(curves["episode_return"], steps, switch_at, WINDOW)
+            draw_mean(axes, steps, returns, option_color(arms.index(arm)), arm)
         handles, names = axes.get_legend_handles_labels()
         lines |= zip(names, handles, strict=True)
         for switch_at in {cell.config.switch_at for cell in cells.values()} - {None}:

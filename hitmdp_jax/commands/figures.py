@@ -98,16 +98,17 @@ def _filmed(insight: Insight) -> Figure:
 
 
 def _of_metrics(target: str, configs: dict[Path, RunConfig], seed: int | None) -> Figure:
-    runs = {}
+    runs, switches = {}, {}
     for run_dir, config in configs.items():
         (place, *_) = places(config, config.seed if seed is None else seed)
         metrics = {name: x[place : place + 1] for name, x in read_metrics(run_dir).items()}
         name = f"{config.title}, seed {config.trainings[place].seed}"
-        runs[f"{name} ({run_dir})" if name in runs else name] = metrics
+        name = f"{name} ({run_dir})" if name in runs else name
+        runs[name], switches[name] = metrics, config.switch_at
     if target == "figure6":
         ((title, metrics),) = runs.items()
-        return option_figures.figure6(metrics, title)
-    return option_figures.figure8(runs)
+        return option_figures.figure6(metrics, title, switches[title])
+    return option_figures.figure8(runs, switches)
 
 
 OF_METRICS = {"figure6": 1, "figure8": None, "figure9": None}  # -> how many runs; None: any number

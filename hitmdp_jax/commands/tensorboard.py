@@ -23,7 +23,7 @@ class OptionFigures:
 
     def __init__(self, config: RunConfig, run_dir: Path):
         self.every = config.checkpoint_steps
-        self._title, self._run_dir = config.title, run_dir
+        self._title, self._run_dir, self._switch_at = config.title, run_dir, config.switch_at
 
     def __call__(self, run: Run, progress: Progress) -> Values:
         """Draw a figure, and return no metric."""
@@ -33,7 +33,7 @@ class OptionFigures:
         try:
             metrics = read_metrics(self._run_dir)
             if "option_steps_0" in metrics:
-                picture = pixels(option_durations(metrics, self._title))
+                picture = pixels(option_durations(metrics, self._title, self._switch_at))
                 env_steps = run.config.steps_after(progress.iteration)
                 write_pictures(self._run_dir / "figures", {"option_durations": picture}, env_steps)
         except OSError as error:  # a full disk ends no training

@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
 
+from hitmdp_jax.analysis import plots
+from hitmdp_jax.analysis.comparison import comparison_figure
 from hitmdp_jax.analysis.figures import (
     draw_figures,
     learning_curve,
@@ -10,6 +12,7 @@ from hitmdp_jax.analysis.figures import (
     smooth,
     window_sum,
 )
+from hitmdp_jax.analysis.option_figures import figure6, figure8
 from hitmdp_jax.training.sinks import CsvSink
 from tests.probes import trainings
 
@@ -62,11 +65,84 @@ def test_rows_of_an_iteration_are_told_apart_by_more_than_their_seed(tmp_path):
 
 def test_smoothing_averages_the_window_and_skips_gaps():
     x = np.array([[np.nan, 2.0, 4.0, np.nan, 9.0]])
-    np.testing.assert_allclose(smooth(x, window=2), [[np.nan, 2.0, 3.0, 4.0, 9.0]])
+    np.testing.assert_allclose(smooth(x, np.arange(5), None, 2), [[np.nan, 2.0, 3.0, 4.0, 9.0]])
 
 
-def test_window_sums_add_the_last_points():
-    np.testing.assert_allclose(window_sum(np.array([[1.0, 2.0, 3.0, 4.0]]), 2), [[1, 3, 5, 7]])
+def test_window_sums_add_the_last_points_of_one_task():
+    x, steps = np.array([[1.0, 2.0, 3.0, 4.0]]), 10 * np.arange(1, 5)
+    np.testing.assert_allclose(window_sum(x, steps, None, 2), [[1, 3, 5, 7]])
+    np.testing.assert_allclose(window_sum(x, steps, 20, 2), [[1, 3, 3, 7]])
+    np.testing.assert_allclose(window_sum(x, steps, 40, 2), [[1, 3, 5, 7]])  # not there yet
+
+
+N, SWITCH = 60, 3000  # reports of 100 steps each
+
+
+def transfer():
+    """A seed whose return and option change at once where the second task begins, report 31."""
+    second = np.arange(N)[None] >= SWITCH // 100
+    return {
+        "seed": np.zeros((1, N)),
+        "env_steps": 100.0 * np.arange(1, N + 1)[None],
+        "episode_return": np.where(second, 2.0, 900.0),
+        "option_steps_0": np.where(second, 0.0, 100.0),
+        "option_steps_1": np.where(second, 100.0, 0.0),
+        "option_activations_0": np.where(second, 0.0, 10.0),
+        "option_activations_1": np.where(second, 50.0, 0.0),
+    }
+
+
+def curves_of_seeds():
+    (axes,) = learning_curve(transfer(), "a run", SWITCH).axes
+    return axes.lines[0].get_xydata()
+
+
+def curves_of_the_comparison(tmp_path):
+    sink = CsvSink(tmp_path, trainings(1))
+    for i, value in enumerate(transfer()["episode_return"][0], 1):
+        sink.write(i, 100 * i, {"episode_return": np.array([value])})
+    sink.close()
+    (axes,) = comparison_figure({"ppo": tmp_path}, "two tasks", SWITCH).axes
+    return axes.lines[0].get_xydata()
+
+
+def curves_of_the_page():
+    shown = plots.learning_curves({"a": transfer()}, "episode_return", "return", {"a": SWITCH})
+    return np.stack([shown.data[0].x, shown.data[0].y], axis=1)
+
+
+def curves_of_options(figure):
+    lasting, shares = figure.axes
+    after = shares.collections[0].get_paths()[0].vertices  # the share of option 0
+    after = after[(after[:, 0] > SWITCH) & (after[:, 1] > 0)]
+    assert not len(after), "option 0 is drawn where it was no longer followed"
+    return lasting.lines[1].get_xydata()
+
+
+def curves_of_options_on_the_page():
+    shares, lasting = plots.training_options(transfer(), 0, SWITCH)
+    assert shares.data[0].y[N // 2] == 0.0
+    return np.stack([lasting.data[1].x, lasting.data[1].y], axis=1)
+
+
+CURVES = {
+    "of seeds": lambda _: curves_of_seeds(),
+    "of a comparison": curves_of_the_comparison,
+    "of the page": lambda _: curves_of_the_page(),
+    "of options": lambda _: curves_of_options(option_durations(transfer(), "a", SWITCH)),
+    "of figure 6": lambda _: curves_of_options(figure6(transfer(), "a", SWITCH)),
+    "of figure 8": lambda _: (
+        figure8({"a": transfer()}, {"a": SWITCH}).axes[0].lines[1].get_xydata()
+    ),
+    "of options on the page": lambda _: curves_of_options_on_the_page(),
+}
+
+
+@pytest.mark.parametrize("curves", CURVES.values(), ids=CURVES)
+def test_no_curve_mixes_the_tasks_of_a_transfer(curves, tmp_path):
+    """The first point of the second task is as it was measured, 2, and not a mean with 900."""
+    steps, values = np.asarray(curves(tmp_path), float).T
+    assert values[steps > SWITCH][0] == pytest.approx(2.0)
 
 
 def test_figures_follow_what_was_logged(tmp_path):

@@ -174,7 +174,9 @@ def metrics_of(num_options):
 
 
 def test_durations_of_several_runs_stand_side_by_side():
-    figure = option_figures.figure8({"mopg": metrics_of(4), "dac": metrics_of(2)})
+    figure = option_figures.figure8(
+        {"mopg": metrics_of(4), "dac": metrics_of(2)}, {"mopg": None, "dac": None}
+    )
     assert {"mopg", "dac"} <= set(drawn(figure))
     last = [line.get_ydata()[-1] for line in figure.axes[1].lines if len(line.get_ydata())]
     assert last == [2.0, 3.0]
@@ -188,4 +190,4 @@ def test_runs_without_durations_say_so(metrics, sentence):
     with pytest.raises(UsageError, match=sentence):
         option_figures.figure6(metrics, "a")
     with pytest.raises(UsageError, match=sentence):
-        option_figures.figure8({"a": metrics})
+        option_figures.figure8({"a": metrics}, {"a": None})

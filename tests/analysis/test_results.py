@@ -76,6 +76,30 @@ def test_a_transfer_tells_its_tasks_apart():
     assert (columns["options_used"] == 2).all()
 
 
+def test_no_point_of_a_curve_holds_episodes_of_both_tasks():
+    metrics = made_up(np.random.default_rng(1), reports=246)  # 123 on each: no whole points
+    first = np.arange(246) < 123
+    metrics["episode_return"][:] = np.where(first, 279.0, 2.2)
+    config = RunConfig(
+        algo={"name": "mopg"}, env=TASK, second_env=TASK, seeds=3, total_steps=123 * 2048
+    )
+    curve = results.curve(config, metrics)
+    after = curve["env_steps"] > config.switch_at
+    assert len(after) == 3 * results.POINTS
+    known = np.isfinite(curve["episode_return"])
+    np.testing.assert_allclose(curve["episode_return"][known], np.where(after, 2.2, 279.0)[known])
+
+
+def test_a_point_of_both_tasks_in_an_older_curve_is_not_shown(tmp_path):
+    rows = ["seed,env_steps,episode_return"]
+    rows += [f"{seed},{steps},{steps}" for steps in (100, 200, 300, 400) for seed in (0, 1)]
+    (tmp_path / "curve.csv").write_text("\n".join(rows))
+    for switch_at, known in ((None, [1, 1, 1, 1]), (200, [1, 1, 1, 1]), (210, [1, 1, 0, 1])):
+        curves = results.read_curve(tmp_path, switch_at)
+        expected = np.where(known, [100.0, 200.0, 300.0, 400.0], np.nan)
+        np.testing.assert_array_equal(curves["episode_return"], [expected, expected])
+
+
 def test_success_is_that_of_the_episodes_at_the_end_and_only_where_the_task_knows_it():
     metrics = made_up(np.random.default_rng(3))
     config = RunConfig(algo={"name": "mopg"}, env=TASK, seeds=3, total_steps=150 * 2048)
@@ -129,7 +153,7 @@ def test_what_is_published_is_read_back(cell):
     expected = results.last_episodes(metrics, 20)
     np.testing.assert_allclose(read.seeds["last_20_episodes"], expected, rtol=1e-6)
     assert [path.name for path in folder.parent.iterdir()] == ["mopg"]
-    curve, expected = results.read_curve(folder), results.curve(config, metrics)
+    curve, expected = results.read_curve(folder, None), results.curve(config, metrics)
     for name, x in curve.items():
         np.testing.assert_allclose(x.T.ravel(), expected[name], rtol=1e-6)
 
