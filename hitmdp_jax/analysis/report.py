@@ -3,8 +3,8 @@
 import base64
 import dataclasses
 import functools
+import html
 import inspect
-import json
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -89,8 +89,25 @@ def page(title: str, subtitle: str, sections: Mapping[str, Callable[[], Parts]])
 
 
 def chart(shown: go.Figure) -> Markup:
-    """Return a figure as a part of the page."""
-    return Markup(shown.to_html(include_plotlyjs=False, full_html=False, config=CHART))
+    """Return a figure as a part of the page; whatever its names hold, they are shown as text."""
+    how = {"include_plotlyjs": False, "full_html": False, "config": CHART}
+    return Markup(go.Figure(as_text(shown.to_plotly_json())).to_html(**how))
+
+
+def as_text(part: Any, name: str = "") -> Any:
+    """Return a part of a figure with its texts escaped: Plotly reads HTML in all of them.
+
+    Args:
+      part: a dictionary, a sequence or a value of Plotly's JSON.
+      name: what it is called there. Templates, of hovering or of cells, are our own.
+    """
+    if isinstance(part, str):
+        return part if name.endswith("template") else html.escape(part, quote=False)
+    if isinstance(part, dict):
+        return {key: as_text(value, key) for key, value in part.items()}
+    if isinstance(part, list | tuple):
+        return [as_text(value, name) for value in part]
+    return part
 
 
 def heading(title: str) -> Markup:
@@ -313,15 +330,11 @@ def explorer(known: Insight) -> Markup:
         "shifts": found.shifts.round(2).tolist(),
         "moved": moved.astype(float).round(digits).tolist(),
         "order": strongest(np.abs(found.slopes).max(axis=0)).tolist(),
-        "actuators": list(known.names.actuators),
+        "actuators": as_text(known.names.actuators),
         "colors": [option_color(k) for k in range(len(known.names.actuators))],
         "first": int(known.by_usage[0]),
     }
-    return Markup(
-        templates.get_template("explorer.html").render(
-            data=Markup(json.dumps(data)), options=options(K)
-        )
-    )
+    return Markup(templates.get_template("explorer.html").render(data=data, options=options(K)))
 
 
 def command(config: RunConfig) -> str:

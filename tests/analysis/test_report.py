@@ -1,9 +1,15 @@
+import copy
+import dataclasses
 import re
+from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from plotly.offline import get_plotlyjs
 
-from hitmdp_jax.analysis.report import RunReport, command
+from hitmdp_jax.analysis import report
+from hitmdp_jax.analysis.names import Names
+from hitmdp_jax.analysis.report import RunReport, command, compare
 from hitmdp_jax.commands.settings import Settings
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.sinks import CsvSink
@@ -65,3 +71,66 @@ def test_several_options_and_seeds_have_the_rest(tmp_path):
     assert {"Which option follows", "Their cosine similarities"} < set(headings(page))
     assert "each of 2 trainings" in page
     assert "7.00 [7.00, 7.00] (interquartile mean, 95% interval)" in page
+
+
+class Tags(HTMLParser):
+    """Every start and end of an element, as a browser finds them, and what scripts hold."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.found, self.scripts = [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, sorted(name for name, _ in attrs)))
+
+    def handle_endtag(self, tag):
+        self.found.append(tag)
+
+    def handle_data(self, data):
+        if self.lasttag == "script":
+            self.scripts.append(data)
+
+
+HOSTILE = "</script></title><img src=x onerror=alert(1)>&lt;\u2028\"'"
+
+
+def pages_of_a_stranger(folder, name, monkeypatch):
+    """The pages about a run in which everything that has a name has this one."""
+    settings = ["env=hopper", "sweep={algo.gamma:[0.9,0.99]}"]
+    config = Settings(settings).config()
+    sink = CsvSink(folder, config.trainings)
+    names = ("episode_return", "episodes", "steps_per_second", "option_steps", name)
+    sink.write(1, 2048, {column: np.ones(2) for column in names})
+    sink.close()
+    (folder / "made_with.txt").write_text(name)
+    config = dataclasses.replace(
+        config,
+        algo=config.algo | {"name": name, name: name},
+        env=config.env | {"name": name},
+        sweep={name: [0.9, 0.99]},
+    )
+    monkeypatch.setattr(report, "command", lambda _: name)
+    known = copy.copy(insight_of_embeddings(9))
+    known.__dict__["names"] = Names((name, name), (name,))
+
+    def video(_):
+        raise UsageError(name)
+
+    yield RunReport(folder, config, 0, lambda: known, video).html()
+    yield compare({name: (folder, config)})
+
+
+def test_a_strangers_names_are_text_wherever_they_stand(tmp_path, monkeypatch):
+    """Hostile ones lead to the elements that harmless ones do, and to no text that is HTML."""
+    pages = {}
+    for i, name in enumerate(("plain", HOSTILE)):
+        (folder := tmp_path / str(i)).mkdir()
+        pages[name] = [*map(Tags, pages_of_a_stranger(folder, name, monkeypatch))]
+    for plain, hostile in zip(pages["plain"], pages[HOSTILE], strict=True):
+        assert hostile.found == plain.found
+        mine = "".join(hostile.scripts).replace(get_plotlyjs(), "")
+        assert "alert(1)" in mine
+        # Plotly's charts read HTML themselves, so the name is escaped in what they are told, too.
+        assert not re.search(r"(<|\\u003c)(img|/script)", mine)
+        assert "\u2028" not in mine
