@@ -44,10 +44,12 @@ def rescale(critic: Any, target: jax.Array) -> Any:
       The new parameters.
     """
     shift, scale, last = critic["shift"], critic["scale"], critic["value"]
-    square = jnp.square(scale) + jnp.square(shift)
-    new_shift = shift + RATE * (target.mean() - shift)
-    new_square = square + RATE * (jnp.square(target).mean() - square)
-    new_scale = jnp.sqrt(jnp.maximum(new_square - jnp.square(new_shift), SMALLEST**2))
+    # The running square less that of the running mean, without the difference of two large numbers.
+    distance = target.mean() - shift
+    new_shift = shift + RATE * distance
+    kept = jnp.square(scale) + RATE * jnp.square(distance)
+    new_variance = (1.0 - RATE) * kept + RATE * target.var()
+    new_scale = jnp.sqrt(jnp.maximum(new_variance, SMALLEST**2))
     ratio = scale / new_scale
     value = {
         "kernel": last["kernel"] * ratio,

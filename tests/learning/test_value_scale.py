@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hitmdp_jax.learning.value_scale import SMALLEST, decay, rescale
+from hitmdp_jax.learning.value_scale import RATE, SMALLEST, decay, rescale
 from hitmdp_jax.networks import Critic
 
 
@@ -12,6 +12,9 @@ def case():
     obs = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
     critic = jax.jit(Critic((8, 8)).init)(jax.random.key(0), obs)["params"]
     return obs, critic
+
+
+rescaled = jax.jit(rescale)
 
 
 @jax.jit
@@ -28,16 +31,30 @@ def test_rescaling_changes_no_value_and_comes_to_the_targets_moments(case, mean,
     obs, critic = case
     before, target = values(critic, obs), targets(mean, std)
     for _ in range(200):
-        critic = jax.jit(rescale)(critic, target)
+        critic = rescaled(critic, target)
     np.testing.assert_allclose(values(critic, obs), before, atol=1e-3 * max(1.0, abs(mean)) / 10)
     np.testing.assert_allclose(critic["shift"], target.mean(), rtol=1e-3, atol=1e-3)
     np.testing.assert_allclose(critic["scale"], target.std(), rtol=2e-2)
 
 
+@pytest.mark.parametrize(("mean", "std"), [(1e4, 1.0), (-3e4, 0.5), (0.0, 1e-3), (1e6, 30.0)])
+def test_moments_equal_those_of_float64(case, mean, std):
+    """Of targets far from zero, too, whose square leaves float32 no digit for their spread."""
+    critic, target = case[1], targets(mean, std)
+    shift, square = 0.0, 1.0
+    for _ in range(300):
+        critic = rescaled(critic, target)
+        shift += RATE * (target.mean(dtype=float) - shift)
+        square += RATE * (np.square(target, dtype=float).mean() - square)
+    np.testing.assert_allclose(critic["shift"], shift, rtol=1e-5)
+    scale = np.sqrt(max(square - shift**2, SMALLEST**2))
+    np.testing.assert_allclose(critic["scale"], scale, rtol=1e-3)
+
+
 def test_constant_targets_leave_a_finite_scale(case):
     critic = case[1]
     for _ in range(500):
-        critic = jax.jit(rescale)(critic, jnp.zeros(64))
+        critic = rescaled(critic, jnp.zeros(64))
     assert critic["scale"] == pytest.approx(SMALLEST)
     assert jnp.isfinite(values(critic, case[0])).all()
 
