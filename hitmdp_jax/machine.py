@@ -7,8 +7,9 @@ from pathlib import Path
 
 import jax
 
+from hitmdp_jax.training.folder import MADE_WITH, write
+
 PACKAGES = ("hitmdp-jax", "jax", "jaxlib", "flax", "optax", "brax", "mujoco", "mujoco-mjx", "numpy")
-MADE_WITH = "made_with.txt"  # in a run's folder: a line for whatever trained a part of it
 CPU_INFO = Path("/proc/cpuinfo")  # on Linux
 
 
@@ -29,16 +30,20 @@ def versions() -> list[str]:
 
 def note_versions(run_dir: Path) -> None:
     """Note what trains a run from here on, in its folder."""
-    path, now = run_dir / MADE_WITH, ", ".join(versions())
-    before = path.read_text().splitlines() if path.is_file() else []
+    before, now = _lines(run_dir), ", ".join(versions())
     if before[-1:] != [now]:
-        path.write_text("\n".join([*before, now]) + "\n")
+        write(run_dir / MADE_WITH, "\n".join([*before, now]) + "\n")
 
 
 def made_with(run_dir: Path) -> str:
     """Return what trained a run, on whatever machine it is asked for."""
+    return "; then ".join(_lines(run_dir)) or "unknown versions"
+
+
+def _lines(run_dir: Path) -> list[str]:
     path = run_dir / MADE_WITH
-    return "; then ".join(path.read_text().splitlines()) if path.is_file() else "unknown versions"
+    # A damaged file is no reason not to train on.
+    return path.read_text("utf-8", "replace").splitlines() if path.is_file() else []
 
 
 def processor() -> str:

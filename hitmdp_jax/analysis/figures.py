@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 
 from hitmdp_jax.learning.options import mean_duration
+from hitmdp_jax.training.folder import FIGURES, METRICS, replaced, subfolder
 
 WINDOW = 20  # iterations a curve is smoothed over, as in the paper's figures
 THIN, FAINT = 0.7, 0.5  # width and opacity of a single seed's line
@@ -26,7 +27,7 @@ def read_metrics(run_dir: Path) -> dict[str, np.ndarray]:
     What a run that was killed, or still writes, has left of its last iteration is ignored. A run
     without a whole iteration has no columns.
     """
-    with (run_dir / "metrics.csv").open(newline="") as file:
+    with (run_dir / METRICS).open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(line for line in file if line.endswith("\n")))
     if not rows:
         return {}
@@ -218,6 +219,12 @@ def pixels(figure: Figure) -> np.ndarray:
     return np.asarray(canvas.buffer_rgba())
 
 
+def save(figure: Figure, path: Path, dpi: int = 150) -> None:
+    """Write a figure as PNG; Raises as `replaced`."""
+    with replaced(path) as file:
+        figure.savefig(file, format="png", dpi=dpi)
+
+
 def draw_figures(
     run_dir: Path, title: str, switch_at: int | None = None, setting: int | None = None
 ) -> list[Path]:
@@ -238,8 +245,7 @@ def draw_figures(
         figures["learning_curve"] = learning_curve(metrics, title, switch_at)
     if "option_steps_0" in metrics:
         figures["option_durations"] = option_durations(metrics, title, switch_at)
-    folder = run_dir / "figures"
-    folder.mkdir(exist_ok=True)
+    folder = subfolder(run_dir, FIGURES)
     for name, figure in figures.items():
-        figure.savefig(folder / f"{name}.png", dpi=150)
+        save(figure, folder / f"{name}.png")
     return [folder / f"{name}.png" for name in figures]

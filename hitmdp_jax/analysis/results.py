@@ -9,6 +9,7 @@ A cell is what one algorithm's seeds did on one task, a folder `results/<task>/<
 
 import csv
 import dataclasses
+import io
 import os
 import shutil
 from collections.abc import Mapping
@@ -22,10 +23,11 @@ from hitmdp_jax.analysis.ablation import minutes_of, options_at_the_end
 from hitmdp_jax.analysis.comparison import final_returns, mean_return
 from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.folder import CONFIG, write
 
 POINTS = 100  # of a published curve
 EPISODES = 20  # over which the paper's curves are averaged (App. B), and those of an evaluation
-CONFIG, SEEDS, CURVE, ABOUT = "config.yaml", "seeds.csv", "curve.csv", "about.yaml"
+SEEDS, CURVE, ABOUT = "seeds.csv", "curve.csv", "about.yaml"
 DRAWING = "options_used.png"  # of a sweep
 BOTH = "; "  # between what is told of two runs that share a cell
 
@@ -90,8 +92,8 @@ def publish(
         beside.mkdir(parents=True)
     _write(beside / SEEDS, seeds)
     _write(beside / CURVE, points)
-    (beside / CONFIG).write_text(config.to_yaml())
-    (beside / ABOUT).write_text(yaml.safe_dump(told, sort_keys=False, allow_unicode=True))
+    write(beside / CONFIG, config.to_yaml())
+    write(beside / ABOUT, yaml.safe_dump(told, sort_keys=False, allow_unicode=True))
     shutil.rmtree(folder, ignore_errors=True)
     os.replace(beside, folder)
 
@@ -101,7 +103,9 @@ def read(folder: Path) -> Cell | None:
     if not (folder / ABOUT).is_file():
         return None
     return Cell(
-        RunConfig.load(folder), _read(folder / SEEDS), yaml.safe_load((folder / ABOUT).read_text())
+        RunConfig.load(folder),
+        _read(folder / SEEDS),
+        yaml.safe_load((folder / ABOUT).read_text(encoding="utf-8")),
     )
 
 
@@ -224,14 +228,15 @@ def _both(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _read(path: Path) -> Columns:
-    with path.open(newline="") as file:
+    with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
 
 
 def _write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        for row in zip(*columns.values(), strict=True):
-            writer.writerow("" if np.isnan(x) else f"{x:.7g}" for x in row)
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for row in zip(*columns.values(), strict=True):
+        writer.writerow("" if np.isnan(x) else f"{x:.7g}" for x in row)
+    write(path, text.getvalue())

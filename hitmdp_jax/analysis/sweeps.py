@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 
 from hitmdp_jax.analysis import tables
 from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
-from hitmdp_jax.analysis.figures import FAINT, OPTION_COLORS, draw_figures, read_metrics
+from hitmdp_jax.analysis.figures import FAINT, OPTION_COLORS, draw_figures, read_metrics, save
 from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number, rounding
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.folder import FIGURES, SWEEP
 from hitmdp_jax.training.sweep import PREFIX, label
 
 
@@ -54,9 +55,9 @@ def draw_sweep(run_dir: Path, config: RunConfig) -> list[list[str]]:
     """
     results = rank(read_metrics(run_dir), config)
     rows, best = table(results), results[0]
-    tables.save(rows, run_dir, "sweep")
+    tables.save(rows, run_dir, SWEEP)
     draw_figures(run_dir, f"{config.title}, {label(best.swept)}", config.switch_at, best.setting)
-    sweep_figure(results, config.title).savefig(run_dir / "figures" / "sweep.png", dpi=150)
+    save(sweep_figure(results, config.title), run_dir / FIGURES / f"{SWEEP}.png")
     return rows
 
 

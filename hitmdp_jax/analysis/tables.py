@@ -1,11 +1,14 @@
 """Tables of text: printed, and written as CSV and as Markdown."""
 
 import csv
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
+
+from hitmdp_jax.training.folder import write
 
 Rows = Sequence[Sequence[str]]  # the header first
 
@@ -21,9 +24,10 @@ def show(rows: Rows) -> None:
 
 def save(rows: Rows, folder: Path, name: str) -> None:
     """Write a table as `name.csv` and `name.md`."""
-    with (folder / f"{name}.csv").open("w", newline="") as file:
-        csv.writer(file).writerows(rows)
-    (folder / f"{name}.md").write_text(markdown(rows))
+    text = io.StringIO(newline="")
+    csv.writer(text).writerows(rows)
+    write(folder / f"{name}.csv", text.getvalue())
+    write(folder / f"{name}.md", markdown(rows))
 
 
 def markdown(rows: Rows) -> str:

@@ -4,7 +4,6 @@ import contextlib
 import functools
 import importlib.util
 import math
-import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
@@ -24,6 +23,7 @@ from hitmdp_jax.analysis.rendering import SIZE, Painter, forward_velocity
 from hitmdp_jax.analysis.trajectories import Trajectories
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.errors import UsageError, missing_extra
+from hitmdp_jax.training.folder import replaced
 
 MAX_FPS = 60
 HEADER, BORDER, FOOTER = 40, 8, 40  # pixels above a picture, around it and below it
@@ -114,29 +114,28 @@ def encoder(
     """
     ffmpeg = require_ffmpeg()
     width, height = size
-    beside = path.with_name(f".{path.name}")
     command = [ffmpeg, "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]
     command += ["-s", f"{width}x{height}", "-r", f"{fps:.6f}", "-i", "-", "-c:v", "libx264"]
     command += ["-pix_fmt", "yuv420p", "-preset", "veryfast", "-crf", "25"]
-    command += ["-movflags", "+faststart", "-f", "mp4", str(beside)]
-    # Not imageio-ffmpeg's own writer: it forks a process that has threads of JAX's.
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert process.stdin is not None
-    write = process.stdin.write
-    try:
-        yield lambda frame: write(frame.tobytes())
-    except BrokenPipeError:
-        pass  # ffmpeg says below why it ended
-    except BaseException:
-        process.kill()
-        beside.unlink(missing_ok=True)
-        raise
-    _, errors = process.communicate()
-    if process.returncode:
-        beside.unlink(missing_ok=True)
-        reason = _last_line(errors) or f"'{ffmpeg}' ended with {process.returncode}"
-        raise UsageError(f"'{path}' cannot be written: {reason}")
-    os.replace(beside, path)
+    command += ["-movflags", "+faststart", "-f", "mp4"]
+    with replaced(path) as file:
+        # Not imageio-ffmpeg's own writer: it forks a process that has threads of JAX's.
+        process = subprocess.Popen(
+            [*command, f"file:{file.name}"], stdin=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        assert process.stdin is not None
+        write = process.stdin.write
+        try:
+            yield lambda frame: write(frame.tobytes())
+        except BrokenPipeError:
+            pass  # ffmpeg says below why it ended
+        except BaseException:
+            process.kill()
+            raise
+        _, errors = process.communicate()
+        if process.returncode:
+            reason = _last_line(errors) or f"'{ffmpeg}' ended with {process.returncode}"
+            raise UsageError(f"'{path}' cannot be written: {reason}")
 
 
 def _last_line(errors: bytes) -> str:
@@ -155,7 +154,7 @@ def animated(path: Path) -> bytes:
     width, fps, seconds = GIF
     # One palette for all frames, and no dithering, which would flicker.
     steps = f"fps={fps},scale={width}:-1:flags=area,split[a][b];[a]palettegen=max_colors=64[c];"
-    command = [require_ffmpeg(), "-loglevel", "error", "-t", str(seconds), "-i", str(path)]
+    command = [require_ffmpeg(), "-loglevel", "error", "-t", str(seconds), "-i", f"file:{path}"]
     command += ["-vf", steps + "[b][c]paletteuse=dither=none:diff_mode=rectangle", "-f", "gif", "-"]
     made = subprocess.run(command, capture_output=True)
     if made.returncode:

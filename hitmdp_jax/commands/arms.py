@@ -8,8 +8,9 @@ from pathlib import Path
 
 from hitmdp_jax.commands.settings import Settings
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training.claim import already_there, is_finished
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.folder import already_there, is_finished, made
+from hitmdp_jax.training.folder import made
 from hitmdp_jax.training.interrupt import SIGNALS
 
 

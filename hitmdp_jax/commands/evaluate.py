@@ -1,9 +1,9 @@
 """Score a trained run: `python -m hitmdp_jax.evaluate RUN_DIR --engine gymnasium --episodes 50`."""
 
 import csv
+import io
 import itertools
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from hitmdp_jax.commands.settings import Parser, guarded
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig, Task
+from hitmdp_jax.training.folder import EVALUATIONS, write
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.policy import Policy, load_all, places
@@ -133,17 +134,16 @@ def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:
 
     An older version left out some, and a transfer's second task may know of success alone.
     """
-    path, known = run_dir / "evaluations.csv", []
+    path, known = run_dir / EVALUATIONS, []
     if path.exists():
-        with path.open(newline="") as file:
+        with path.open(encoding="utf-8", errors="surrogateescape", newline="") as file:
             known = list(csv.DictReader(file))
     columns = dict.fromkeys(name for one in (*rows[:1], *known[:1]) for name in one)
-    beside = path.with_suffix(".tmp")
-    with beside.open("w", newline="") as file:
-        writer = csv.DictWriter(file, columns, restval="")
-        writer.writeheader()
-        writer.writerows([*known, *rows])
-    os.replace(beside, path)
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore")
+    writer.writeheader()
+    writer.writerows([*known, *rows])
+    write(path, text.getvalue().encode("utf-8", "surrogateescape"))
 
 
 class Evaluation:

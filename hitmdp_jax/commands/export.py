@@ -19,10 +19,8 @@ from hitmdp_jax.commands.settings import Parser, guarded
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.brax_tasks import BRAX
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.folder import made
+from hitmdp_jax.training.folder import EXPORT, made, replaced, subfolder
 from hitmdp_jax.training.host import set_up_host
-
-FOLDER = "export"  # in a run's folder
 
 
 def main() -> None:
@@ -47,10 +45,9 @@ def _main() -> None:
     env = task_of(choice) if config.tasks else None
     program, contract = export(choice.policy, env, options.format, options.stochastic)
     kind = "stochastic_policy" if options.stochastic else "policy"
-    default = options.run_dir / FOLDER / f"{kind}_{choice.name}.{options.format}"
-    path = options.out or default
+    name = f"{kind}_{choice.name}.{options.format}"
+    path = options.out or subfolder(options.run_dir, EXPORT) / name
     made(path.parent)
-    path.write_bytes(program)
     origin = {
         "task": choice.task if config.tasks else None,
         "algorithm": config.algo["name"],
@@ -58,7 +55,9 @@ def _main() -> None:
         "env_steps": choice.env_steps,
     }
     beside = path.with_name(f"{path.name}.json")
-    beside.write_text(json.dumps(origin | contract, indent=2) + "\n")
+    with replaced(path) as file, replaced(beside) as contract_file:  # both or neither
+        file.write(program)
+        contract_file.write(f"{json.dumps(origin | contract, indent=2)}\n".encode())
     print(f"Saved {path}, and {beside.name} beside it.")
 
 

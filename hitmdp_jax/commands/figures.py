@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from hitmdp_jax.analysis import embedding_figures, insight_figures, option_figures, tables, video
 from hitmdp_jax.analysis.causal import WITHOUT_EACH_OPTION, table
 from hitmdp_jax.analysis.directed import number_of_options
-from hitmdp_jax.analysis.figures import read_metrics
+from hitmdp_jax.analysis.figures import read_metrics, save
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
 from hitmdp_jax.commands.policies import add_choice, load_chosen
@@ -20,7 +20,7 @@ from hitmdp_jax.commands.settings import Parser
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.config import RunConfig, whole_number
-from hitmdp_jax.training.folder import made
+from hitmdp_jax.training.folder import FIGURES, subfolder
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.policy import places
 
@@ -81,8 +81,8 @@ def _parser(target: str) -> Parser:
 
 
 def _save(figure: Figure, run_dir: Path, target: str) -> int:
-    path = made(run_dir / "figures") / f"{target}.png"
-    figure.savefig(path, dpi=150)
+    path = subfolder(run_dir, FIGURES) / f"{target}.png"
+    save(figure, path)
     print(path)
     return 0
 

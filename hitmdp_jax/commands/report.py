@@ -17,12 +17,11 @@ from hitmdp_jax.commands.evaluate import SEED_OFFSET
 from hitmdp_jax.commands.settings import Parser, guarded
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training import folder
 from hitmdp_jax.training.config import RunConfig, whole_number
-from hitmdp_jax.training.folder import made
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.policy import Policy, load_all, places
 
-NAME = "report.html"
 EPISODES = 8
 FILMED, PIXELS = 600, (480, 360)  # steps and size of the video: of a page, not of a film
 ENGINE = "native"  # MuJoCo C compiles in no time, and scores as the others do
@@ -36,7 +35,9 @@ def main() -> None:
 def _main() -> None:
     parser = Parser(prog="python -m hitmdp_jax.report", description=__doc__)
     parser.add_argument("run_dirs", type=Path, nargs="+", metavar="RUN_DIR")
-    parser.add_argument("--out", type=Path, help=f"the file; RUN_DIR/{NAME}, or comparison.html")
+    parser.add_argument(
+        "--out", type=Path, help=f"the file; RUN_DIR/{folder.REPORT}, or comparison.html"
+    )
     parser.add_argument("--seed", type=int, default=None, help="whose options; the median seed's")
     parser.add_argument("--episodes", type=int, default=EPISODES, help=f"recorded ({EPISODES})")
     options = parser.parse_args()
@@ -62,12 +63,14 @@ def write(
     """Write the page about a run; args and Raises as `report`, `out` the file."""
     started = time.perf_counter()
     content = report(run_dir, config, seed, episodes)
-    _save(content, out or run_dir / NAME, f", made in {time.perf_counter() - started:.0f} s")
+    _save(
+        content, out or run_dir / folder.REPORT, f", made in {time.perf_counter() - started:.0f} s"
+    )
 
 
 def _save(content: str, path: Path, how: str = "") -> None:
-    made(path.parent)
-    path.write_text(content)
+    folder.made(path.parent)
+    folder.write(path, content)
     print(f"Saved {path}: {len(content) / 2**20:.1f} MiB{how}.")
 
 
@@ -136,7 +139,7 @@ def _median(run_dir: Path, config: RunConfig) -> int:
     from hitmdp_jax.analysis.figures import read_metrics
     from hitmdp_jax.analysis.sweeps import rank
 
-    metrics = read_metrics(run_dir) if (run_dir / "metrics.csv").is_file() else {}
+    metrics = read_metrics(run_dir) if (run_dir / folder.METRICS).is_file() else {}
     if not metrics:
         return 0
     returns = final_returns(metrics, config.switch_at or 0)

@@ -51,6 +51,7 @@ import jax
 from hitmdp_jax.agents import AGENTS, find_agent
 from hitmdp_jax.analysis import tables, theorems
 from hitmdp_jax.analysis.comparison import compare, comparison_figure, table
+from hitmdp_jax.analysis.figures import save
 from hitmdp_jax.commands import figures, suites
 from hitmdp_jax.commands.arms import named, train_arms, without_folder
 from hitmdp_jax.commands.settings import Settings, dispatched, folder_setting
@@ -93,7 +94,7 @@ def run_comparison(arguments: list[str]) -> int:
     rows = table(results)
     tables.save(rows, folder, "comparison")
     figure = comparison_figure(run_dirs, config.task_title, config.switch_at)
-    figure.savefig(folder / "comparison.png", dpi=150)
+    save(figure, folder / "comparison.png")
     tables.show(rows)
     print(f"Saved in {folder}.")
     return 0
@@ -146,7 +147,7 @@ def draw_theorems(arguments: list[str]) -> int:
             ),
         }
     for name, figure in drawn.items():
-        figure.savefig(folder / f"{name}.png", dpi=150)
+        save(figure, folder / f"{name}.png")
     print(f"Saved in {folder}.")
     return 0
 

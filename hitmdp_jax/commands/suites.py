@@ -17,11 +17,13 @@ import yaml
 
 import hitmdp_jax
 from hitmdp_jax.analysis import causal, results, results_figure, used_options
+from hitmdp_jax.analysis.figures import save
 from hitmdp_jax.analysis.results_page import Suite, page, section
 from hitmdp_jax.commands.arms import configs_of, named, train_arms
 from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.machine import made_with
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.folder import write
 from hitmdp_jax.training.policy import extract
 
 SUITES = Path(hitmdp_jax.__file__).parent / "suites"
@@ -123,7 +125,7 @@ def publish_more(run_dir: Path, folder: Path, with_policy: bool) -> None:
     assert cell is not None
     if cell.swept:
         drawn = used_options.figure(cell.seeds, cell.swept, cell.num_options)
-        drawn.savefig(folder / results.DRAWING, dpi=150)
+        save(drawn, folder / results.DRAWING)
     if with_policy:
         best = cell.config.trainings[int(np.nanargmax(cell.seeds["evaluation"]))]
         # Otherwise it is one of the seeds that were published before, as is its policy.
@@ -146,7 +148,7 @@ def draw(arguments: Sequence[str]) -> int:
     from hitmdp_jax.analysis.results_curves import curves_page
 
     folder, path = _places(arguments, "results.html")
-    path.write_text(curves_page({name: read(name) for name in names()}, folder))
+    write(path, curves_page({name: read(name) for name in names()}, folder))
     print(f"Written: {path}.")
     return 0
 
@@ -171,12 +173,12 @@ def tell(folder: Path, path: Path) -> None:
     for name, suite in every.items():
         curves = folder / f"{name}.png"
         if drawn := results_figure.figure(suite, folder):
-            drawn.savefig(curves, dpi=100)
+            save(drawn, curves, dpi=100)
         else:
             curves.unlink(missing_ok=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     link = Path(os.path.relpath(folder, path.parent)).as_posix()
-    path.write_text(page(every, folder, link))
+    write(path, page(every, folder, link))
 
 
 def evaluated(run_dir: Path, config: RunConfig) -> dict[str, np.ndarray]:

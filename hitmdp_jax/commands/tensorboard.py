@@ -5,6 +5,7 @@ from pathlib import Path
 
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.folder import FIGURES, subfolder
 from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.run import Run
 from hitmdp_jax.training.sinks import Values
@@ -35,7 +36,8 @@ class OptionFigures:
             if "option_steps_0" in metrics:
                 picture = pixels(option_durations(metrics, self._title, self._switch_at))
                 env_steps = run.config.steps_after(progress.iteration)
-                write_pictures(self._run_dir / "figures", {"option_durations": picture}, env_steps)
+                folder = subfolder(self._run_dir, FIGURES)
+                write_pictures(folder, {"option_durations": picture}, env_steps)
         except OSError as error:  # a full disk ends no training
             print(f"warning: no figure in TensorBoard: {error}", file=sys.stderr)
         return {}

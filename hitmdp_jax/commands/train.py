@@ -25,16 +25,10 @@ from hitmdp_jax.commands.tensorboard import OptionFigures
 from hitmdp_jax.errors import UsageError, exit_with, unknown_name
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import saved_iterations
+from hitmdp_jax.training.claim import RUNS, already_there, claim, is_finished, newest
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.devices import make_mesh
-from hitmdp_jax.training.folder import (
-    RUNS,
-    already_there,
-    claim,
-    is_finished,
-    made,
-    newest,
-)
+from hitmdp_jax.training.folder import made
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import InterruptedRunError
 

@@ -26,14 +26,13 @@ from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.checkpoint import Checkpoints, Progress
 from hitmdp_jax.training.config import RunConfig, whole_number
-from hitmdp_jax.training.folder import CONFIG, made
+from hitmdp_jax.training.folder import CONFIG, VIDEOS, made, subfolder, write
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.run import Run
 from hitmdp_jax.training.sinks import Values
 from hitmdp_jax.training.sinks.tensorboard import write_pictures
 
-FOLDER = "videos"  # in a run's folder
 ERRORS = "errors.txt"
 ENGINE = "native"  # of videos during a run: the first to be ready
 
@@ -63,7 +62,7 @@ def _main() -> None:
     choice = load_chosen(options)
     env: Any = make_env(**choice.task, physics=engine)
     check_fit(choice.policy, env)
-    out = options.out or options.run_dir / FOLDER
+    out = options.out or subfolder(options.run_dir, VIDEOS)
     path = out if out.suffix == ".mp4" else out / f"{choice.name}.mp4"
     made(path.parent)
     key = jax.random.key(choice.training.seed + SEED_OFFSET)
@@ -71,14 +70,14 @@ def _main() -> None:
     recorded = jax.device_get(record(choice.policy, env, key, options.episodes, **how))
     for total, steps in zip(recorded.returns, recorded.lengths, strict=True):
         print(f"An episode of {steps:,} steps, return {total:,.1f}.")
-    from hitmdp_jax.analysis.figures import pixels
+    from hitmdp_jax.analysis.figures import pixels, save
     from hitmdp_jax.analysis.video import animated, filmstrip, write_video
 
     write_video(path, env, recorded)
     title = f"{choice.config.title}, {choice.training.name}, {choice.env_steps:,} env steps"
     strip = path.with_suffix(".png")
     figure = filmstrip(env, recorded, title=title)
-    figure.savefig(strip, dpi=100)
+    save(figure, strip, dpi=100)
     if options.tensorboard:
         shown = {"filmstrip": pixels(figure), "video": animated(path)}
         write_pictures(path.parent, shown, choice.env_steps)
@@ -123,7 +122,7 @@ class Videos:
 
     def __init__(self, config: RunConfig, run_dir: Path):
         self.every = config.video_every
-        self._folder = run_dir / FOLDER
+        self._run_dir = run_dir
         self._process: subprocess.Popen[bytes] | None = None
         self._copy = tempfile.TemporaryDirectory(prefix="hitmdp_jax_")
 
@@ -154,11 +153,11 @@ class Videos:
         self._copy.cleanup()
         self._copy = tempfile.TemporaryDirectory(prefix="hitmdp_jax_")
         copy = Path(self._copy.name)
-        (copy / CONFIG).write_text(run.config.to_yaml())
+        write(copy / CONFIG, run.config.to_yaml())
         checkpoints = Checkpoints(copy)
         checkpoints.save(run.saved(progress))
         checkpoints.close()
-        out = self._folder / f"{env_steps}.mp4"
+        out = subfolder(self._run_dir, VIDEOS) / f"{env_steps}.mp4"
         command = [sys.executable, "-m", "hitmdp_jax.video", str(copy), "--out", str(out)]
         with (copy / ERRORS).open("w") as errors:
             self._process = subprocess.Popen(

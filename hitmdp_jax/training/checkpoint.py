@@ -17,6 +17,7 @@ from orbax.checkpoint import checkpoint_managers as managers
 
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training import processes
+from hitmdp_jax.training.folder import CHECKPOINTS, refuse_link, subfolder
 from hitmdp_jax.training.program import TrainState
 
 SCHEMA = 1  # of a checkpoint; raised where an older package would misread it
@@ -50,7 +51,7 @@ class Checkpoints:
     """
 
     def __init__(self, run_dir: Path, read_only: bool = False):
-        self.folder = (run_dir / "checkpoints").absolute()
+        self.folder = (run_dir / CHECKPOINTS).absolute()
         best = managers.BestN(get_metric_fn=_score, n=1, keep_checkpoints_without_metrics=False)
         here = jax.process_index()  # which alone reads and writes, however many train together
         options = ocp.CheckpointManagerOptions(
@@ -59,7 +60,8 @@ class Checkpoints:
             multiprocessing_options=ocp.options.MultiprocessingOptions(here, {here}, "alone"),
         )
         if not read_only:
-            self.folder.mkdir(parents=True, exist_ok=True)
+            for path in subfolder(run_dir, CHECKPOINTS).rglob("*"):
+                refuse_link(path)  # Orbax would write through it
         if read_only and not self.folder.is_dir():
             raise UsageError(f"'{self.folder}' holds no checkpoint.")
         handlers = {
@@ -270,7 +272,7 @@ class CheckpointsElsewhere(Checkpoints):
 
 def saved_iterations(run_dir: Path) -> list[int]:
     """Return the iterations whose checkpoints a run's folder holds, without reading them."""
-    folder = run_dir / "checkpoints"
+    folder = run_dir / CHECKPOINTS
     names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
     return sorted(int(name) for name in names if name.isdecimal())
 

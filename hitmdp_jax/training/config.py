@@ -16,6 +16,7 @@ from hitmdp_jax.envs import check_engine, check_env, check_installed
 from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
+from hitmdp_jax.training.folder import CONFIG
 from hitmdp_jax.training.program import check_sizes, num_iterations
 from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
 
@@ -275,11 +276,11 @@ class RunConfig:
         Raises:
           UsageError: the folder holds no run, or one that cannot be read.
         """
-        path = run_dir / "config.yaml"
+        path = run_dir / CONFIG
         if not path.is_file():
             raise UsageError(f"'{run_dir}' is not a run's folder: it has no config.yaml.")
         try:
-            settings = yaml.safe_load(path.read_text())
+            settings = yaml.safe_load(path.read_text(encoding="utf-8"))
         except (yaml.YAMLError, UnicodeDecodeError):
             settings = None
         if not isinstance(settings, dict):

@@ -1,30 +1,42 @@
-"""A run's folder: who may write into it, what it holds already, and how a new one is named."""
+"""What a run's folder holds, and the one way to write it: whole or not at all, through no link."""
 
-import fcntl
-import shutil
-import time
+import errno
+import fnmatch
+import os
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO, TextIO
 
-from hitmdp_jax import plugins
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.machine import MADE_WITH
-from hitmdp_jax.training.checkpoint import saved_iterations
-from hitmdp_jax.training.config import RunConfig
 
 CONFIG = "config.yaml"
-RUNS = Path("runs")
+METRICS = "metrics.csv"
+EVALUATIONS = "evaluations.csv"
+MADE_WITH = "made_with.txt"  # a line for whatever trained a part of the run
+REPORT = "report.html"
+SWEEP = "sweep"  # of a sweep: its table, `.csv` and `.md`, and its figure
+EVENTS = "events"  # of TensorBoard, which adds `.out.tfevents.` and more
+LOCK = ".lock"  # stays; whoever trains holds it
+CHECKPOINTS, EXPORT, FIGURES = "checkpoints", "export", "figures"
+SETTINGS, VIDEOS, WANDB = "settings", "videos", "wandb"
+
+FOLDERS = (CHECKPOINTS, EXPORT, FIGURES, SETTINGS, VIDEOS, WANDB)
+FILES = (
+    EVALUATIONS, f"{METRICS}*", MADE_WITH, REPORT, f"{SWEEP}.csv", f"{SWEEP}.md",
+    f"{EVENTS}.out.tfevents.*", ".*.tmp", CONFIG,
+)  # fmt: skip
 
 
-def default_folder(config: RunConfig) -> Path:
-    """Return `runs/<env>/<algo>/<time>` of a run that starts now."""
-    names = [plugins.label(x["name"]) for x in (*config.tasks[:1], config.algo)]
-    return RUNS.joinpath(*names, time.strftime("%Y-%m-%d_%H-%M-%S"))
+def members(run_dir: Path) -> list[Path]:
+    """Return what a run left in its folder, the settings last, without which it holds no run."""
+    names = os.listdir(run_dir)
+    return [run_dir / n for pattern in (*FOLDERS, *FILES) for n in fnmatch.filter(names, pattern)]
 
 
 def made(folder: Path) -> Path:
-    """Return a folder, made if need be.
+    """Return a folder that a command line names, made if need be.
 
     Raises:
       UsageError: it cannot be made.
@@ -36,108 +48,64 @@ def made(folder: Path) -> Path:
     return folder
 
 
-def claim(run_dir: Path | None, config: RunConfig, overwrite: bool = False) -> Path:
-    """Make a new run's folder and write its settings there, so that no other run takes it.
-
-    Args:
-      run_dir: the folder; None takes the default name, or the next free one beside it.
-      config: the run's settings.
-      overwrite: replace what an earlier run left there.
-
-    Returns:
-      The folder.
+def subfolder(run_dir: Path, *names: str) -> Path:
+    """Return a folder inside of a run's, made if need be.
 
     Raises:
-      UsageError: the folder holds a run, or cannot be written.
+      OSError: it cannot be made, or a link is in its place.
     """
-    folder = run_dir or default_folder(config)
-    number = 1
-    while True:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            if overwrite and (folder / CONFIG).is_file():
-                with locked(folder):
-                    clear(folder)
-            with (folder / CONFIG).open("x") as file:  # one of two that start together gets it
-                file.write(config.to_yaml())
-            return folder
-        except FileExistsError:
-            if run_dir is not None and (folder / CONFIG).exists():
-                raise UsageError(
-                    f"'{folder}' holds a run already: resume={folder} goes on with it, "
-                    "overwrite=true replaces it."
-                ) from None
-            if run_dir is not None:
-                raise UsageError(f"run_dir = {folder} is not a folder.") from None
-            number += 1
-            folder = default_folder(config)
-            folder = folder.with_name(f"{folder.name}_{number}")
-        except OSError as error:
-            raise UsageError(f"run_dir = {folder} cannot be written: {error.strerror}.") from None
+    folder = run_dir
+    for name in names:
+        folder = folder / name
+        refuse_link(folder)
+        folder.mkdir(exist_ok=True)
+    return folder
 
 
-def clear(folder: Path) -> None:
-    """Remove what a run leaves in its folder, and nothing else."""
-    for name in ("checkpoints", "figures", "settings", "videos", "wandb"):
-        shutil.rmtree(folder / name, ignore_errors=True)
-    files = (
-        "metrics.csv", "evaluations.csv", "sweep.*", "events.out.tfevents.*", MADE_WITH, CONFIG
-    )  # fmt: skip
-    for pattern in files:
-        for path in folder.glob(pattern):
-            path.unlink()
+def refuse_link(path: Path) -> None:
+    """Raise OSError where a path is a link: it may lead out of a folder that a stranger made."""
+    if path.is_symlink():
+        raise OSError(errno.ELOOP, "it is a link, and nothing is written through one", str(path))
 
 
 @contextmanager
-def locked(run_dir: Path) -> Iterator[None]:
-    """Keep other processes from writing into a run's folder meanwhile; a killed one lets go.
+def replaced(path: Path) -> Iterator[BinaryIO]:
+    """Give a file to write, which takes the place of `path` once it is whole.
+
+    Until then it lies beside it under a name that nobody can have planted a link at. What fails
+    leaves the old file as it was; a kill leaves a hidden file more.
 
     Raises:
-      UsageError: another process is writing into it, or nobody may.
+      OSError: naming the file: it cannot be written, or a link or a device is in its place.
     """
+    refuse_link(path)
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is not a file", str(path))
+    beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     try:
-        file = (run_dir / ".lock").open("w")
-    except OSError as error:
-        raise UsageError(f"'{run_dir}' cannot be written: {error.strerror}.") from None
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise UsageError(f"'{run_dir}' is being written by another process.") from None
-        yield
+        with beside.open("xb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(beside, path)
+    except BaseException as error:
+        beside.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.errno:
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise
 
 
-def is_finished(run_dir: Path, config: RunConfig) -> bool:
-    """Return whether a run has saved its last iteration."""
-    return max(saved_iterations(run_dir), default=0) >= config.last_iteration
+def write(path: Path, content: str | bytes) -> None:
+    """Write a file, text as UTF-8, in place of what it was; Raises as `replaced`."""
+    with replaced(path) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
 
 
-def already_there(run_dir: Path, config: RunConfig) -> bool:
-    """Return whether a folder holds a run of exactly these settings, finished or not.
-
-    Raises:
-      UsageError: it holds a run of other settings; says which.
-    """
-    if not (run_dir / CONFIG).is_file():
-        return False
-    differences = config.differences(RunConfig.load(run_dir))
-    if differences:
-        raise UsageError(
-            f"'{run_dir}' holds a run with other settings ({'; '.join(differences)}): "
-            "name another run_dir."
-        )
-    return True
-
-
-def newest(root: Path = RUNS) -> Path:
-    """Return the run under a folder that was written last.
+def appending(path: Path) -> TextIO:
+    """Open a text file to add lines to.
 
     Raises:
-      UsageError: there is none.
+      OSError: naming the file: it cannot be written, or a link is in its place.
     """
-    runs = [path.parent for path in root.rglob(CONFIG)]
-    if not runs:
-        raise UsageError(f"resume=latest finds no run under '{root}'.")
-    files = ("metrics.csv", CONFIG)
-    times = {run: [(run / f).stat().st_mtime for f in files if (run / f).exists()] for run in runs}
-    return max(runs, key=lambda run: max(times[run]))
+    refuse_link(path)
+    return path.open("a", encoding="utf-8", newline="")

@@ -1,7 +1,6 @@
 """One run from settings to files: the host's side of training."""
 
 import dataclasses
-import os
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -19,8 +18,9 @@ from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.machine import note_versions
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import Checkpoints, CheckpointsElsewhere, Progress
+from hitmdp_jax.training.claim import locked
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.folder import CONFIG, locked
+from hitmdp_jax.training.folder import CONFIG, write
 from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.program import CAUSES, Iterate, TrainState
 from hitmdp_jax.training.run import Run
@@ -95,7 +95,7 @@ def run(
         terminal = TerminalSink(config.env_steps, done, quiet=not writes)
         sinks = Sinks(terminal)
         if writes:
-            _write_settings(config, run_dir)
+            write(run_dir / CONFIG, config.to_yaml())
             note_versions(run_dir)
             sinks = Sinks(*open_sinks(config, run_dir, progress.iteration), terminal)
         stack.callback(sinks.close)
@@ -228,9 +228,3 @@ def title(run: Run) -> str:
         speed = native_speed(env.model, env.physics.frame_skip)
         parts.append(f"physics=native would step {speed:,.0f} envs a second here")
     return ", ".join(parts)
-
-
-def _write_settings(config: RunConfig, run_dir: Path) -> None:
-    beside = run_dir / f"{CONFIG}.tmp"
-    beside.write_text(config.to_yaml())
-    os.replace(beside, run_dir / CONFIG)

@@ -18,8 +18,8 @@ from hitmdp_jax.agents.base import check_hyperparameters
 from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.learning.normalization import normalize
 from hitmdp_jax.training.checkpoint import Checkpoints, Progress, normalizer_of, policy_of
+from hitmdp_jax.training.claim import claim
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.folder import claim
 from hitmdp_jax.training.program import TrainState
 from hitmdp_jax.training.sweep import PREFIX
 

@@ -1,106 +1,162 @@
-import dataclasses
-import multiprocessing
+import ast
+import errno
 import os
+from pathlib import Path
 
 import pytest
 
+import hitmdp_jax
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training import folder
+from hitmdp_jax.training.checkpoint import Checkpoints
+from hitmdp_jax.training.claim import claim, clear, locked
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.folder import (
-    already_there,
-    claim,
-    default_folder,
-    is_finished,
-    locked,
-    newest,
-)
+from hitmdp_jax.training.sinks.tensorboard import TensorboardSink
+from tests.probes import trainings
 
 CONFIG = RunConfig(algo={"name": "ppo"}, env={"name": "halfcheetah"}, total_steps=4096)
+NAMES = {name: value for name, value in vars(folder).items() if name.isupper()}
+MEMBERS = [pattern.replace("*", "x") for pattern in (folder.LOCK, *folder.FOLDERS, *folder.FILES)]
 
 
-def test_a_folder_is_claimed_once(tmp_path):
-    run_dir = claim(tmp_path / "run", CONFIG)
-    assert RunConfig.load(run_dir) == CONFIG
-    with pytest.raises(UsageError, match="holds a run already: resume="):
+def plant(path, elsewhere):
+    """Put a link to something precious in place of a file or folder of a run; return its files."""
+    is_folder = path.name in folder.FOLDERS
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists():
+        path.rename(elsewhere)
+    elif is_folder:
+        elsewhere.mkdir()
+        (elsewhere / "precious").write_text("precious")
+    else:
+        elsewhere.write_text("precious")
+    path.symlink_to(elsewhere)
+    return contents(elsewhere)
+
+
+def contents(path):
+    """Return all files of a folder, or the one file, with what they hold."""
+    files = path.rglob("*") if path.is_dir() else [path]
+    return {file: file.read_bytes() for file in files if file.is_file()}
+
+
+@pytest.mark.parametrize("name", MEMBERS)
+@pytest.mark.parametrize(
+    "begin",
+    [lambda run_dir: claim(run_dir, CONFIG, overwrite=True), lambda x: locked(x).__enter__()],
+)
+def test_no_part_of_a_run_may_be_a_link(tmp_path, name, begin):
+    run_dir = tmp_path / "run"
+    if name != folder.CONFIG:
         claim(run_dir, CONFIG)
-    for name in ("metrics.csv", "made_with.txt"):
-        (run_dir / name).write_text("old")
-    (run_dir / "notes.txt").write_text("the user's own")
-    claim(run_dir, CONFIG, overwrite=True)
-    assert {path.name for path in run_dir.iterdir()} == {"config.yaml", ".lock", "notes.txt"}
-    assert (run_dir / "notes.txt").exists()
+    elsewhere = tmp_path / "elsewhere"
+    if name == folder.LOCK:
+        (run_dir / name).unlink()
+    before = plant(run_dir / name, elsewhere)
+    with pytest.raises(UsageError, match=f"'{run_dir / name}' .*nothing is written through one"):
+        begin(run_dir)
+    assert contents(elsewhere) == before
 
 
-def test_runs_of_the_same_second_get_folders_of_their_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("hitmdp_jax.training.folder.time.strftime", lambda _: "now")
-    folders = [claim(None, CONFIG) for _ in range(3)]
-    assert [f.name for f in folders] == ["now", "now_2", "now_3"]
-    assert folders[0] == default_folder(CONFIG)
+def test_clearing_leaves_what_links_lead_to(tmp_path):
+    """A link that appeared after the check is removed itself, not what it stands for."""
+    run_dir = claim(tmp_path / "run", CONFIG)
+    before = {name: plant(run_dir / name, tmp_path / name) for name in MEMBERS[1:-1]}
+    clear(run_dir)
+    assert [path.name for path in run_dir.iterdir()] == [folder.LOCK]
+    assert {name: contents(tmp_path / name) for name in before} == before
 
 
-def test_an_own_class_gives_a_short_name():
-    own = {"name": "/somewhere/my_task.py:MyTask"}
-    folder = default_folder(RunConfig(algo={"name": "ppo"}, env=own))
-    assert folder.parts[:3] == ("runs", "my_task.MyTask", "ppo")
+@pytest.mark.parametrize("name", [folder.CHECKPOINTS, "checkpoints/4.orbax-checkpoint-tmp"])
+def test_checkpoints_are_written_through_no_link(tmp_path, name):
+    elsewhere = tmp_path / "elsewhere"
+    before = plant(tmp_path / name, elsewhere)
+    with pytest.raises(OSError, match="nothing is written through one"):
+        Checkpoints(tmp_path)
+    assert contents(elsewhere) == before
 
 
-def _hold(folder, locked_by_child, done):
-    with locked(folder):
-        locked_by_child.set()
-        done.wait()
+def test_no_link_can_be_planted_where_events_will_be(tmp_path, monkeypatch):
+    """The same second, machine and step give another name."""
+    monkeypatch.setattr("tensorboardX.event_file_writer.time.time", lambda: 1.0)
+    for _ in range(2):
+        TensorboardSink(tmp_path, trainings(), 5).close()
+    assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_two_processes_do_not_write_into_one_folder(tmp_path):
-    context = multiprocessing.get_context("spawn")
-    holds, done = context.Event(), context.Event()
-    child = context.Process(target=_hold, args=(tmp_path, holds, done))
-    child.start()
-    while not holds.wait(0.1):
-        assert child.is_alive()
-    with pytest.raises(UsageError, match="being written by another process"), locked(tmp_path):
-        pass
-    child.kill()  # whoever is killed lets go
-    child.join()
-    with locked(tmp_path):
-        pass
+@pytest.mark.parametrize("write", [folder.write, lambda path, text: folder.appending(path).close()])
+def test_a_file_is_written_through_no_link(tmp_path, write):
+    elsewhere = tmp_path / "elsewhere"
+    for make in (lambda: elsewhere.write_text("precious"), elsewhere.unlink):
+        make()
+        (tmp_path / "link").unlink(missing_ok=True)
+        (tmp_path / "link").symlink_to(elsewhere)
+        with pytest.raises(OSError, match="nothing is written through one") as raised:
+            write(tmp_path / "link", "new")
+        assert raised.value.filename == str(tmp_path / "link")
+    assert not elsewhere.exists()
 
 
-def test_another_runs_folder_is_not_taken_for_ones_own(tmp_path):
-    assert not already_there(tmp_path, CONFIG)
-    claim(tmp_path, CONFIG)
-    assert already_there(tmp_path, CONFIG)
-    assert not is_finished(tmp_path, CONFIG)
-    (tmp_path / "checkpoints" / "1").mkdir(parents=True)
-    assert not is_finished(tmp_path, CONFIG)
-    (tmp_path / "checkpoints" / "2").mkdir()
-    assert is_finished(tmp_path, CONFIG)
-    other = RunConfig(algo={"name": "ppo", "gamma": 0.9}, env={"name": "halfcheetah"}, seeds=2)
-    with pytest.raises(UsageError, match=r"algo.gamma: 0.9 here, None there; seeds: 2 here, 1 the"):
-        already_there(tmp_path, other)
+def test_only_a_file_is_replaced(tmp_path):
+    """As root, `--out /dev/null` would otherwise replace the device."""
+    for path in (Path(os.devnull), tmp_path):
+        with pytest.raises(OSError, match="it is not a file"):
+            folder.write(path, "new")
 
 
-def test_a_keyword_that_an_older_run_did_not_have_yet_is_at_its_default(tmp_path):
-    claim(tmp_path, CONFIG)
-    env = {"name": "halfcheetah", "ctrl_cost_weight": 0.1, "hide_velocities": False}
-    assert already_there(tmp_path, dataclasses.replace(CONFIG, env=env))
-    other = dataclasses.replace(CONFIG, env=env | {"hide_velocities": True})
-    with pytest.raises(UsageError, match=r"env.hide_velocities: True here, False there"):
-        already_there(tmp_path, other)
+@pytest.mark.parametrize("old", [None, "old"])
+@pytest.mark.parametrize("step", ["open", "write", "fsync", "replace"])
+def test_a_file_is_the_old_or_the_new_one_wherever_its_writer_ends(
+    tmp_path, monkeypatch, old, step
+):
+    """Where the disk is full at any step, or the process is killed there, which cleans nothing."""
+    path = tmp_path / "file"
+    if old:
+        path.write_text(old)
+
+    where = {"open": (Path, "open"), "fsync": (os, "fsync"), "replace": (os, "replace")}
+
+    def full(*args):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def write():
+        with folder.replaced(path) as file:
+            file.write(b"n")
+            file.flush()
+            if step == "write":
+                full()
+            file.write(b"ew")
+
+    with monkeypatch.context() as patch:
+        if step in where:
+            patch.setattr(*where[step], full)
+        with pytest.raises(OSError, match="No space left") as raised:
+            write()
+        assert raised.value.filename == str(path)
+    assert [p.name for p in tmp_path.iterdir()] == (["file"] if old else [])
+    with monkeypatch.context() as patch:  # killed: the writer's own cleaning is not done either
+        patch.setattr(Path, "unlink", lambda *args, **kwargs: None)
+        if step in where:
+            patch.setattr(*where[step], full)
+        with pytest.raises(OSError, match="No space left"):
+            write()
+    assert (path.read_text() if path.exists() else None) == old
+    folder.write(path, "new")
+    assert path.read_text() == "new"
+    (tmp_path / "other").touch()
+    assert path.stat().st_mode == (tmp_path / "other").stat().st_mode
 
 
-def test_the_newest_run_is_found(tmp_path):
-    with pytest.raises(UsageError, match="finds no run"):
-        newest(tmp_path)
-    claim(tmp_path / "a" / "b", CONFIG)
-    claim(tmp_path / "c", CONFIG)
-    (tmp_path / "a" / "b" / "metrics.csv").write_text("")
-    os.utime(tmp_path / "a" / "b" / "metrics.csv", (2e9, 2e9))
-    assert newest(tmp_path) == tmp_path / "a" / "b"
-
-
-def test_a_folder_that_cannot_be_made_is_explained(tmp_path):
-    (tmp_path / "file").write_text("")
-    for folder in (tmp_path / "file", tmp_path / "file" / "run"):
-        with pytest.raises(UsageError, match=r"is not a folder|cannot be written"):
-            claim(folder, CONFIG)
+def test_the_names_of_a_runs_files_are_spelled_in_one_place():
+    """So that whatever clears, checks or fills a run's folder speaks of the same files."""
+    spelled = {value for value in NAMES.values() if isinstance(value, str)} - {folder.EVENTS}
+    package = Path(hitmdp_jax.__file__).parent
+    for path in package.rglob("*.py"):
+        if path == Path(folder.__file__):
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
+                right = node.right
+                assert not (isinstance(right, ast.Constant) and right.value in spelled), (
+                    f"{path}:{node.lineno} spells a run's {right.value!r}"
+                )

@@ -2,12 +2,12 @@
 
 import csv
 import io
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from hitmdp_jax.training.folder import METRICS, appending, write
 from hitmdp_jax.training.sinks.base import Values, columns
 from hitmdp_jax.training.sweep import Training
 
@@ -24,10 +24,10 @@ class CsvSink:
       resume_after: keep the rows up to this iteration, drop the rest; 0 starts afresh.
     """
 
-    name = "metrics.csv"
+    name = METRICS
 
     def __init__(self, run_dir: Path, trainings: Sequence[Training], resume_after: int = 0):
-        path = run_dir / "metrics.csv"
+        path = run_dir / METRICS
         self._index = (*INDEX, *trainings[0].columns)
         self._trainings = [tuple(training.columns.values()) for training in trainings]
         kept = (
@@ -36,11 +36,8 @@ class CsvSink:
         self._columns = tuple(kept[0]) if kept else ()
         text = io.StringIO(newline="")
         csv.writer(text).writerows(kept)
-        # Beside it first: a kill in the middle leaves the old file whole.
-        beside = path.with_suffix(".tmp")
-        beside.write_text(text.getvalue(), newline="")
-        os.replace(beside, path)
-        self._file = path.open("a", newline="")
+        write(path, text.getvalue())
+        self._file = appending(path)
         self._csv = csv.writer(self._file)
 
     def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
@@ -69,7 +66,7 @@ class CsvSink:
 
 def _rows_until(path: Path, index: tuple[str, ...], iteration: int) -> list[list[str]]:
     """Return header and rows up to an iteration; a killed run may have left more, and torn ones."""
-    with path.open(newline="", errors="replace") as file:
+    with path.open(encoding="utf-8", newline="", errors="replace") as file:
         rows = list(csv.reader(line.replace("\0", "") for line in file))
     if not rows or tuple(rows[0][: len(index)]) != index:
         return []

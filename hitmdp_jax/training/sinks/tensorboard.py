@@ -1,5 +1,6 @@
 """TensorBoard events: the mean over the seeds of a setting, and their deviation."""
 
+import secrets
 import struct
 import time
 from collections.abc import Mapping, Sequence
@@ -11,6 +12,7 @@ from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore
 from tensorboardX.proto.summary_pb2 import Summary  # pyright: ignore
 from tensorboardX.summary import image, scalar
 
+from hitmdp_jax.training.folder import EVENTS, SETTINGS, subfolder
 from hitmdp_jax.training.sinks.base import Values, columns
 from hitmdp_jax.training.sweep import Training, label
 
@@ -40,10 +42,8 @@ class TensorboardSink:
         for setting, text in labels.items():
             # The number as well: labels are rounded, and random settings may come close.
             name = f"{setting},{text.replace(', ', ',')}"
-            folder = run_dir / "settings" / name if text else run_dir
-            folder.mkdir(parents=True, exist_ok=True)
-            # Files are named by the second: one that resumes at once must not take another's.
-            self._writers.append(EventsWriter(str(folder / "events"), f".{resume_after}"))
+            folder = subfolder(run_dir, SETTINGS, name) if text else run_dir
+            self._writers.append(_events(folder, str(resume_after)))
         self._last_flush = time.monotonic()
         if resume_after:
             start = SessionLog(status=SessionLog.START)
@@ -83,14 +83,12 @@ def write_pictures(
     TensorBoard reads the newest of a folder's files alone, and that of the metrics still grows.
 
     Args:
-      folder: where the events go.
+      folder: where the events go; it is there.
       pictures: name -> a picture [height, width, 3 or 4], 8 bits a colour, or an animated one, the
         bytes of a GIF; those of one name are shown as a sequence.
       env_steps: the pictures' place in their sequences.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    # Files are named by the second, and read in their names' order.
-    writer = EventsWriter(str(folder / "events"), f".{env_steps:013}")
+    writer = _events(folder, f"{env_steps:013}")
     for name, picture in pictures.items():
         summary = (
             _animation(name, picture)
@@ -99,6 +97,15 @@ def write_pictures(
         )
         _write(writer, Event(summary=summary, step=env_steps))
     writer.close()
+
+
+def _events(folder: Path, order: str) -> EventsWriter:
+    """Return a writer of a new file of events.
+
+    Files are named by the second, and read in their names' order. What is drawn ends the name, so
+    that no other process takes it and nobody can have planted a link there.
+    """
+    return EventsWriter(str(folder / EVENTS), f".{order}.{secrets.token_hex(4)}")
 
 
 def _animation(name: str, gif: bytes) -> Summary:

@@ -8,6 +8,7 @@ import numpy as np
 
 from hitmdp_jax.errors import missing_extra
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.folder import WANDB, subfolder
 from hitmdp_jax.training.sinks.base import Values, columns
 from hitmdp_jax.training.sweep import Training
 
@@ -39,6 +40,7 @@ class WandbSink:
         self._by_seed = config.wandb == "seed"
         trainings = config.trainings if self._by_seed else [None]
         folder = run_dir.absolute()
+        subfolder(folder, WANDB)  # theirs, so that they follow no link there
 
         def begin(training: Training | None) -> Any:
             name, settings = folder.name, config.to_dict()

@@ -71,8 +71,8 @@ def test_settings_that_are_rounded_alike_do_not_share_a_file(tmp_path):
 def test_pictures_of_one_name_are_a_sequence(tmp_path):
     for i, shade in enumerate((0, 255), start=1):
         picture = np.full((4, 6, 3), shade, np.uint8)
-        write_pictures(tmp_path / "a", {"a_picture": picture}, 2048 * i)
-    pictures = EventAccumulator(str(tmp_path / "a")).Reload().Images("a_picture")
+        write_pictures(tmp_path, {"a_picture": picture}, 2048 * i)
+    pictures = EventAccumulator(str(tmp_path)).Reload().Images("a_picture")
     assert [(p.step, p.height, p.width) for p in pictures] == [(2048, 4, 6), (4096, 4, 6)]
     assert pictures[0].encoded_image_string != pictures[1].encoded_image_string
 
@@ -83,8 +83,8 @@ def test_a_moving_picture_stands_beside_a_still_one(tmp_path):
     gif = io.BytesIO()
     frames[0].save(gif, "GIF", save_all=True, append_images=frames[1:])
     still = np.zeros((4, 6, 3), np.uint8)
-    write_pictures(tmp_path / "a", {"still": still, "moving": gif.getvalue()}, 2048)
-    events = EventAccumulator(str(tmp_path / "a")).Reload()
+    write_pictures(tmp_path, {"still": still, "moving": gif.getvalue()}, 2048)
+    events = EventAccumulator(str(tmp_path)).Reload()
     assert len(events.Images("still")) == 1
     (moving,) = events.Images("moving")
     assert (moving.step, moving.height, moving.width) == (2048, 4, 6)

@@ -1,0 +1,106 @@
+import dataclasses
+import multiprocessing
+import os
+
+import pytest
+
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training.claim import (
+    already_there,
+    claim,
+    default_folder,
+    is_finished,
+    locked,
+    newest,
+)
+from hitmdp_jax.training.config import RunConfig
+
+CONFIG = RunConfig(algo={"name": "ppo"}, env={"name": "halfcheetah"}, total_steps=4096)
+
+
+def test_a_folder_is_claimed_once(tmp_path):
+    run_dir = claim(tmp_path / "run", CONFIG)
+    assert RunConfig.load(run_dir) == CONFIG
+    with pytest.raises(UsageError, match="holds a run already: resume="):
+        claim(run_dir, CONFIG)
+    for name in ("metrics.csv", "made_with.txt"):
+        (run_dir / name).write_text("old")
+    (run_dir / "notes.txt").write_text("the user's own")
+    claim(run_dir, CONFIG, overwrite=True)
+    assert {path.name for path in run_dir.iterdir()} == {"config.yaml", ".lock", "notes.txt"}
+    assert (run_dir / "notes.txt").exists()
+
+
+def test_runs_of_the_same_second_get_folders_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("hitmdp_jax.training.claim.time.strftime", lambda _: "now")
+    folders = [claim(None, CONFIG) for _ in range(3)]
+    assert [f.name for f in folders] == ["now", "now_2", "now_3"]
+    assert folders[0] == default_folder(CONFIG)
+
+
+def test_an_own_class_gives_a_short_name():
+    own = {"name": "/somewhere/my_task.py:MyTask"}
+    folder = default_folder(RunConfig(algo={"name": "ppo"}, env=own))
+    assert folder.parts[:3] == ("runs", "my_task.MyTask", "ppo")
+
+
+def _hold(folder, locked_by_child, done):
+    with locked(folder):
+        locked_by_child.set()
+        done.wait()
+
+
+def test_two_processes_do_not_write_into_one_folder(tmp_path):
+    context = multiprocessing.get_context("spawn")
+    holds, done = context.Event(), context.Event()
+    child = context.Process(target=_hold, args=(tmp_path, holds, done))
+    child.start()
+    while not holds.wait(0.1):
+        assert child.is_alive()
+    with pytest.raises(UsageError, match="being written by another process"), locked(tmp_path):
+        pass
+    child.kill()  # whoever is killed lets go
+    child.join()
+    with locked(tmp_path):
+        pass
+
+
+def test_another_runs_folder_is_not_taken_for_ones_own(tmp_path):
+    assert not already_there(tmp_path, CONFIG)
+    claim(tmp_path, CONFIG)
+    assert already_there(tmp_path, CONFIG)
+    assert not is_finished(tmp_path, CONFIG)
+    (tmp_path / "checkpoints" / "1").mkdir(parents=True)
+    assert not is_finished(tmp_path, CONFIG)
+    (tmp_path / "checkpoints" / "2").mkdir()
+    assert is_finished(tmp_path, CONFIG)
+    other = RunConfig(algo={"name": "ppo", "gamma": 0.9}, env={"name": "halfcheetah"}, seeds=2)
+    with pytest.raises(UsageError, match=r"algo.gamma: 0.9 here, None there; seeds: 2 here, 1 the"):
+        already_there(tmp_path, other)
+
+
+def test_a_keyword_that_an_older_run_did_not_have_yet_is_at_its_default(tmp_path):
+    claim(tmp_path, CONFIG)
+    env = {"name": "halfcheetah", "ctrl_cost_weight": 0.1, "hide_velocities": False}
+    assert already_there(tmp_path, dataclasses.replace(CONFIG, env=env))
+    other = dataclasses.replace(CONFIG, env=env | {"hide_velocities": True})
+    with pytest.raises(UsageError, match=r"env.hide_velocities: True here, False there"):
+        already_there(tmp_path, other)
+
+
+def test_the_newest_run_is_found(tmp_path):
+    with pytest.raises(UsageError, match="finds no run"):
+        newest(tmp_path)
+    claim(tmp_path / "a" / "b", CONFIG)
+    claim(tmp_path / "c", CONFIG)
+    (tmp_path / "a" / "b" / "metrics.csv").write_text("")
+    os.utime(tmp_path / "a" / "b" / "metrics.csv", (2e9, 2e9))
+    assert newest(tmp_path) == tmp_path / "a" / "b"
+
+
+def test_a_folder_that_cannot_be_made_is_explained(tmp_path):
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "file", tmp_path / "file" / "run"):
+        with pytest.raises(UsageError, match=r"is not a folder|cannot be written"):
+            claim(folder, CONFIG)
