@@ -10,7 +10,7 @@ from brax.envs.base import Env, State
 from flax import struct
 
 from hitmdp_jax.envs import check_env
-from hitmdp_jax.envs.action_repeat import EPISODE_LENGTH, action_repeat_of
+from hitmdp_jax.envs.action_repeat import EPISODE_LENGTH, action_repeat_of, steps_taken
 from hitmdp_jax.envs.physics import PhysicsState
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.policy import Policy
@@ -36,6 +36,7 @@ class Trajectories(struct.PyTreeNode):
     option: jax.Array | None  # [T, N] int, o_t; None of a policy without options
     option_probs: jax.Array | None  # [T, N, K] P(o_t | s_t, what the policy remembers), or None
     alive: jax.Array  # [T, N] bool, the step belongs to the episode
+    control_steps: jax.Array  # [T, N] int, as many as the action was held for; 0 where not alive
     terminated: jax.Array  # [N] bool, the task ended the episode
     success: jax.Array | None = None  # [N] 1 where it reached its goal, None of tasks without one
     # The state that `obs` shows, None unless asked for: m, rad and their rates; `ctrl` is that of
@@ -56,8 +57,8 @@ class Trajectories(struct.PyTreeNode):
 
     @property
     def lengths(self) -> jax.Array:
-        """Lengths [N] in actions; a control step each, unless the task holds them."""
-        return self.alive.sum(axis=-2)
+        """Lengths [N] in control steps: one an action, unless the task holds them."""
+        return self.control_steps.sum(axis=-2)
 
 
 @functools.partial(jax.jit, static_argnames=("env", "num_episodes", "deterministic", "physics"))
@@ -96,6 +97,7 @@ def record(
             "obs": state.obs,
             "reward": jnp.where(alive, new_state.reward, 0.0),
             "alive": alive,
+            "control_steps": jnp.where(alive, steps_taken(state, new_state), 0),
             "success": _so_far(new_state, alive),
             **(_coordinates(state.pipeline_state) if physics else {}),
         }
@@ -146,6 +148,7 @@ def record_in_gymnasium(
         key, key_act = jax.random.split(key)
         decision, memory = _decide(policy, obs.astype(np.float32), memory, key_act, deterministic)
         seen: dict[str, Any] = {"obs": obs.copy(), "alive": alive.copy()}
+        seen["control_steps"] = alive.astype(np.int32)
         if physics:
             data = [env.unwrapped.data for env in envs]
             seen |= {name: np.stack([getattr(d, name) for d in data]) for name in COORDINATES}

@@ -16,8 +16,9 @@ class ActionRepeat(Wrapper):
     """Holds each action for N control steps and adds up their rewards, undiscounted.
 
     The hold ends early where the task ends the episode, and at the task's time limit: an episode is
-    as long as without the wrapper. Reward terms in `state.metrics` are added up, too; whatever else
-    the task reports there is that of the last control step.
+    as long as without the wrapper. Reward terms in `state.metrics` are added up, too: those that the
+    task lists in its `reward_terms`, and all that have "reward" in their names, as Brax's and
+    Playground's have. Whatever else the task reports there is that of the last control step.
 
     Args:
       env: the task, unbatched and without auto-reset.
@@ -32,7 +33,7 @@ class ActionRepeat(Wrapper):
         super().__init__(env)
         self.action_repeat = action_repeat
         self.episode_length = getattr(env, "episode_length", EPISODE_LENGTH)
-        self._terms = getattr(env, "reward_terms", ())
+        self._listed = getattr(env, "reward_terms", ())
 
     def reset(self, rng: jax.Array) -> State:
         """Start an episode from the task's initial distribution."""
@@ -47,7 +48,8 @@ class ActionRepeat(Wrapper):
         """Hold `action` [A] for N control steps, or until the episode's end."""
         info = dict(state.info)
         clock = info.pop(CLOCK)
-        nothing = dict.fromkeys(self._terms, jnp.zeros(()))
+        terms = [name for name in state.metrics if name in self._listed or "reward" in name]
+        nothing = {name: jnp.zeros_like(state.metrics[name]) for name in terms}
         held = state.replace(  # pyright: ignore[reportAttributeAccessIssue]
             reward=jnp.zeros_like(state.reward),
             done=jnp.zeros_like(state.done),
@@ -57,10 +59,14 @@ class ActionRepeat(Wrapper):
 
         def control_step(carry: tuple[State, jax.Array], _: None):
             held, clock = carry
-            after = self.env.step(held, action)
-            terms = {name: held.metrics[name] + after.metrics[name] for name in self._terms}
+            # Brax's tasks write into the dictionaries of the state that they are given.
+            given = held.replace(  # pyright: ignore[reportAttributeAccessIssue]
+                metrics=dict(held.metrics), info=dict(held.info)
+            )
+            after = self.env.step(given, action)
+            sums = {name: held.metrics[name] + after.metrics[name] for name in terms}
             after = after.replace(  # pyright: ignore[reportAttributeAccessIssue]
-                reward=held.reward + after.reward, metrics=after.metrics | terms
+                reward=held.reward + after.reward, metrics=after.metrics | sums
             )
             goes_on = (held.done == 0) & (clock < self.episode_length)
             held = jax.tree.map(lambda a, b: jnp.where(goes_on, a, b), after, held)

@@ -44,7 +44,7 @@ VOCABULARY: dict[str, Metric] = {
     "diverged": Metric("1 once a seed's parameters are not finite", "seeds", "last"),
     "unstable": Metric("steps in which the simulation was lost", "share of steps"),
     # Options, [K].
-    "option_steps": Metric("steps that each option was followed", "steps", "sum"),
+    "option_steps": Metric("actions that each option chose", "actions", "sum"),
     "option_activations": Metric("times that each option was taken up", "", "sum"),
     # Policies.
     "action_entropy": Metric("entropy of the action policy of the option followed", "nats"),

@@ -33,6 +33,7 @@ def recorded():
         option=random.integers(3, size=(steps, number)),
         option_probs=None,
         alive=np.arange(steps)[:, None] < LENGTHS,
+        control_steps=None,
         terminated=None,
     )
 

@@ -57,6 +57,7 @@ def test_every_engine_records_the_same_structure(recorded):
         "option": ((steps, 3), "int32"),
         "option_probs": ((steps, 3, 4), "float32"),
         "alive": ((steps, 3), "bool"),
+        "control_steps": ((steps, 3), "int32"),
         "terminated": ((3,), "bool"),
         "success": None,
         "qpos": ((steps, 3, 2), "float32"),

@@ -50,6 +50,7 @@ def recorded():
         "option": option,
         "option_probs": None,
         "alive": alive,
+        "control_steps": alive.astype(int),
         "terminated": np.array([False, True]),
         "qpos": qpos,
         "qvel": np.ones((T, N, 2)),

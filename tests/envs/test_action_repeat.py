@@ -83,13 +83,44 @@ def test_the_time_limit_is_in_control_steps_and_cuts_the_last_hold(key, repeat, 
         assert set(seen.episode_return.tolist()) == {5.0}, episode
 
 
-def test_trajectories_are_as_long_as_their_actions(key):
+def test_trajectories_are_as_long_as_their_control_steps(key):
     agent = PPO(hidden_sizes=(8,))
     policy = Policy(agent, agent.init(key, 2, 1).params, initial_statistics(2))
     recorded = record(policy, ActionRepeat(Counter(), 2), key, 3)
-    np.testing.assert_array_equal(recorded.lengths, [3, 3, 3])
+    np.testing.assert_array_equal(recorded.control_steps, [[2] * 3, [2] * 3, [1] * 3])
+    np.testing.assert_array_equal(recorded.lengths, [5, 5, 5])
     np.testing.assert_array_equal(recorded.returns, [5, 5, 5])
     np.testing.assert_array_equal(recorded.obs[:, 0, 0], [0, 2, 4])
+
+
+class Terms(Counter):
+    """Reports terms that add up to its reward, n at step n, and writes over the state, as Brax."""
+
+    reward_terms = ("a_bonus",)
+
+    def reset(self, rng):
+        names = ("reward_fast", "fast_reward", "reward/near", "a_bonus", "x_position")
+        return super().reset(rng).replace(metrics=dict.fromkeys(names, jnp.zeros(())))
+
+    def step(self, state, action):
+        clock = state.obs[0] + 1.0
+        terms = {"reward_fast": 2 * clock, "fast_reward": -clock, "reward/near": clock}
+        state.metrics.update(terms, a_bonus=-clock, x_position=10 * clock)
+        return super().step(state, action).replace(reward=clock)
+
+
+@pytest.mark.parametrize("repeat", [1, 2, 3])
+def test_the_reward_terms_of_any_task_add_up_to_its_reward(key, repeat):
+    env = VectorEnv(ActionRepeat(Terms(), repeat), 2, pool_size=8, stagger=False)
+    state = env.reset(key)
+    for _ in range(2 * 5):  # across the time limit, which cuts a hold
+        state, seen = env.step(state, jnp.zeros((2, 1)))
+        last = np.asarray(seen.metrics["x_position"]) / 10
+        np.testing.assert_array_equal(last, seen.episode_length)
+        terms = [x for name, x in seen.metrics.items() if name != "x_position"]
+        np.testing.assert_allclose(sum(terms), seen.reward)
+        first = (last - 1) // repeat * repeat + 1
+        np.testing.assert_allclose(seen.reward, (first + last) * (last - first + 1) / 2)
 
 
 def test_control_steps_are_what_a_run_counts(key):
