@@ -1,6 +1,7 @@
 """Figures of a run, drawn from its metrics.csv alone."""
 
 import csv
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -24,17 +25,25 @@ OPTION_COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377
 def read_metrics(run_dir: Path) -> dict[str, np.ndarray]:
     """Return a run's metrics as arrays [S, iterations] by column name; missing values are NaN.
 
-    What a run that was killed, or still writes, has left of its last iteration is ignored. A run
-    without a whole iteration has no columns.
+    Rows belong together by their iteration, seed and setting, wherever they stand. A report that
+    lacks a training's row is left out: a run that was killed, or still writes, leaves such a last
+    one, and a damaged file others. A run without a whole report has no columns.
     """
     with (run_dir / METRICS).open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(line for line in file if line.endswith("\n")))
-    if not rows:
+    reports: dict[str, dict[tuple[float, float], dict[str, str]]] = {}
+    for row in rows:
+        training = float(row.get("setting") or 0), float(row["seed"])
+        reports.setdefault(row["iteration"], {})[training] = row
+    counts = Counter(frozenset(report) for report in reports.values())
+    if not counts:
         return {}
-    num_seeds = sum(row["iteration"] == rows[0]["iteration"] for row in rows)
-    whole = len(rows) - len(rows) % num_seeds
-    columns = {name: [float(row[name] or "nan") for row in rows[:whole]] for name in rows[0]}
-    return {name: np.array(x).reshape(-1, num_seeds).T for name, x in columns.items()}
+    every = max(counts, key=lambda trainings: (counts[trainings], len(trainings)))
+    whole = [report for report in reports.values() if report.keys() == every]
+    return {
+        name: np.array([[float(of[i][name] or "nan") for of in whole] for i in sorted(every)])
+        for name in rows[0]
+    }
 
 
 def window_sum(

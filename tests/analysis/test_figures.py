@@ -55,8 +55,13 @@ def test_a_run_without_rows_has_no_metrics_and_no_figures(tmp_path, text):
 
 
 def test_rows_of_an_iteration_are_told_apart_by_more_than_their_seed(tmp_path):
-    rows = ["iteration,env_steps,seed,algo.gamma,x"]
-    rows += [f"{i},{i},{s},{g},{i + s + g}" for i in (1, 2) for g in (0.5, 0.75) for s in (0, 1)]
+    rows = ["iteration,env_steps,seed,setting,algo.gamma,x"]
+    rows += [
+        f"{i},{i},{s},{k},{g},{i + s + g}"
+        for i in (1, 2)
+        for k, g in enumerate((0.5, 0.75))
+        for s in (0, 1)
+    ]
     (tmp_path / "metrics.csv").write_text("\n".join(rows) + "\n")
     metrics = read_metrics(tmp_path)
     np.testing.assert_array_equal(metrics["x"][:, 0], [1.5, 2.5, 1.75, 2.75])

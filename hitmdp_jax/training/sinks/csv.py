@@ -2,6 +2,8 @@
 
 import csv
 import io
+import itertools
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,7 +23,8 @@ class CsvSink:
     Args:
       run_dir: the run's folder.
       trainings: what each row of the metrics belongs to; what they sweep has columns, too.
-      resume_after: keep the rows up to this iteration, drop the rest; 0 starts afresh.
+      resume_after: keep the rows up to this iteration, drop the rest; 0 starts afresh. Of a damaged
+        file a copy is kept, and how many rows it cost is said.
     """
 
     name = METRICS
@@ -30,9 +33,8 @@ class CsvSink:
         path = run_dir / METRICS
         self._index = (*INDEX, *trainings[0].columns)
         self._trainings = [tuple(training.columns.values()) for training in trainings]
-        kept = (
-            _rows_until(path, self._index, resume_after) if resume_after and path.is_file() else []
-        )
+        self._names = {tuple(map(str, training)) for training in self._trainings}
+        kept = self._rows_until(path, resume_after) if resume_after and path.is_file() else []
         self._columns = tuple(kept[0]) if kept else ()
         text = io.StringIO(newline="")
         csv.writer(text).writerows(kept)
@@ -63,13 +65,48 @@ class CsvSink:
         """Close the file."""
         self._file.close()
 
+    def _rows_until(self, path: Path, iteration: int) -> list[list[str]]:
+        """Return header and rows up to an iteration; a killed run leaves more, a torn one last.
 
-def _rows_until(path: Path, index: tuple[str, ...], iteration: int) -> list[list[str]]:
-    """Return header and rows up to an iteration; a killed run may have left more, and torn ones."""
-    with path.open(encoding="utf-8", newline="", errors="replace") as file:
-        rows = list(csv.reader(line.replace("\0", "") for line in file))
-    if not rows or tuple(rows[0][: len(index)]) != index:
-        return []
-    header, *rows = rows
-    whole = [row for row in rows if len(row) == len(header) and row[0].isdecimal()]
-    return [header, *(row for row in whole if int(row[0]) <= iteration)]
+        Lines are read one by one: a quote that is damaged must not swallow the lines after it.
+        """
+        with path.open(encoding="utf-8", errors="replace", newline="") as file:
+            lines = [line.replace("\0", "") for line in file]
+        header, *rows = [next(csv.reader([line]), []) for line in lines] or [[]]
+        known = tuple(header[: len(self._index)]) == self._index
+        whole = [known and self._is_whole(row, len(header)) for row in rows]
+        damaged = [
+            row for row, good, line in zip(rows, whole, lines[1:], strict=True)
+            if row and not good and line.endswith("\n")
+        ]  # fmt: skip
+        if damaged:
+            aside = _kept_aside(path)
+            print(
+                f"warning: {len(damaged)} of the {len(rows)} rows of '{path}' cannot be read and "
+                f"are left out; {aside.name} beside it keeps the damaged file.",
+                file=sys.stderr,
+            )
+        kept = [row for row, good in zip(rows, whole, strict=True) if good]
+        return [header, *(row for row in kept if int(row[0]) <= iteration)] if known else []
+
+    def _is_whole(self, row: list[str], size: int) -> bool:
+        """Return whether a row has so many numbers and is one of the run's trainings'."""
+        numbers = len(row) == size and row[0].isdecimal() and all(map(_is_number, row))
+        return numbers and tuple(row[len(INDEX) : len(self._index)]) in self._names
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text or "nan")
+    except ValueError:
+        return False
+    return True
+
+
+def _kept_aside(path: Path) -> Path:
+    """Copy a file beside itself, under a name that is free; return the copy."""
+    numbers = itertools.chain([""], (f"_{n}" for n in itertools.count(2)))
+    names = (path.with_name(f"{path.name}.damaged{number}") for number in numbers)
+    aside = next(name for name in names if not name.exists())
+    write(aside, path.read_bytes())
+    return aside

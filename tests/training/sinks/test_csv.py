@@ -72,6 +72,45 @@ def test_resuming_survives_a_file_that_holds_nothing(tmp_path, text):
     assert [row["iteration"] for row in rows_of(tmp_path)] == ["3", "3"]
 
 
+DAMAGES = {  # what happens to the file -> how many of its 6 rows it costs
+    "a quote": (lambda text: text.replace("2,20,0", '2,"20,0'), 1),
+    "a digit": (lambda text: text.replace("2,20,0", "2,2x,0"), 1),
+    "the seed": (lambda text: text.replace("2,20,0", "2,20,7"), 1),
+    "an end of a line": (lambda text: text.replace("\r\n2,20,1", ";2,20,1"), 1),
+    "the header": (lambda text: text.replace("seed", "sead"), 6),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGES)
+def test_resuming_keeps_a_damaged_file_and_says_what_it_cost(written, capsys, name):
+    damage, cost = DAMAGES[name]
+    path = written / "metrics.csv"
+    for number in ("", "_2"):
+        damaged = damage(path.read_bytes().decode())
+        path.write_bytes(damaged.encode())
+        sink = CsvSink(written, trainings(), resume_after=3)
+        sink.close()
+        aside = path.with_name(f"metrics.csv.damaged{number}")
+        assert aside.read_bytes().decode() == damaged
+        message = f"{cost} of the 6 rows of '{path}' cannot be read and are left out; {aside.name}"
+        if name == "an end of a line":  # which makes one row of two
+            message = message.replace("6", "5")
+        assert message in capsys.readouterr().err
+        path.write_bytes(damaged.encode())
+    assert len(list(written.iterdir())) == 3
+
+
+def test_rows_belong_to_their_seeds_wherever_they_stand(written):
+    """Without a row, those of the other seeds stay, and its report is left out."""
+    path = written / "metrics.csv"
+    header, *rows = path.read_text().splitlines()
+    swapped = [rows[i] for i in (1, 0, 3, 4, 5)]
+    path.write_text("".join(f"{line}\n" for line in (header, *swapped)))
+    metrics = read_metrics(written)
+    np.testing.assert_array_equal(metrics["seed"], [[0, 0], [1, 1]])
+    np.testing.assert_array_equal(metrics["a_metric"], [[1, 3], [2, 4]])
+
+
 @pytest.mark.parametrize("torn", ["12", "2,20", "\n", "2,20,0,5,\0"])
 def test_resuming_leaves_a_torn_row_out(written, torn):
     with (written / "metrics.csv").open("a") as file:
