@@ -1,7 +1,7 @@
 import pytest
 
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.plugins import absolute, is_own, label, load_class
+from hitmdp_jax.plugins import absolute, is_own, label, load_class, trust
 
 SOURCE = """
 import abc
@@ -22,6 +22,7 @@ number = 1
 def file(tmp_path):
     file = tmp_path / "my_task.py"
     file.write_text(SOURCE)
+    trust(f"{file}:Task")
     return file
 
 

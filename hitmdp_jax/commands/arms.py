@@ -14,17 +14,22 @@ from hitmdp_jax.training.folder import made
 from hitmdp_jax.training.interrupt import SIGNALS
 
 
-def configs_of(arms: Mapping[str, Sequence[str]]) -> dict[str, RunConfig]:
-    """Return each arm's validated settings; raises as `Settings` and `RunConfig` do."""
-    return {arm: Settings(settings).config() for arm, settings in arms.items()}
+def configs_of(arms: Mapping[str, Sequence[str]], trust: bool = True) -> dict[str, RunConfig]:
+    """Return each arm's validated settings; args as `train_arms`.
+
+    Raises:
+      UsageError: as `Settings` and `RunConfig.from_mapping`.
+    """
+    return {arm: Settings(settings).config(trust=trust) for arm, settings in arms.items()}
 
 
-def train_arms(arms: Mapping[str, Sequence[str]], folder: Path) -> int:
+def train_arms(arms: Mapping[str, Sequence[str]], folder: Path, trust: bool = True) -> int:
     """Train every arm into `folder/<arm>`, or go on with it; what is finished is taken as it is.
 
     Args:
       arms: name -> settings of train.py.
       folder: of all.
+      trust: run the files that the arms name: a command line does, and not a file of somebody's.
 
     Returns:
       0, or the exit code that a signal led to.
@@ -32,7 +37,7 @@ def train_arms(arms: Mapping[str, Sequence[str]], folder: Path) -> int:
     Raises:
       UsageError: a setting is wrong, a folder holds another run, or a run failed.
     """
-    configs = configs_of(arms)
+    configs = configs_of(arms, trust)
     run_dirs = {arm: folder / arm for arm in arms}
     known = {arm: already_there(run_dirs[arm], configs[arm]) for arm in arms}
     made(folder)
@@ -41,7 +46,9 @@ def train_arms(arms: Mapping[str, Sequence[str]], folder: Path) -> int:
             print(f"{arm}: taken from {run_dir}", flush=True)
             continue
         name = str(run_dir).replace("'", r"\'")  # quoted: an arm's name may hold a comma
-        where = [f"resume='{name}'"] if known[arm] else [*arms[arm], f"run_dir='{name}'"]
+        where = (
+            [f"resume='{name}'", "trust=true"] if known[arm] else [*arms[arm], f"run_dir='{name}'"]
+        )
         code = train([*where, "report=false"])  # what arms are trained for reports on all of them
         if code > 128:
             print(f"Stopped in {arm}. The same command with run_dir={folder} goes on from there.")

@@ -57,7 +57,7 @@ def _main() -> None:
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     options = parser.parse_args()
-    config = RunConfig.load(options.run_dir)
+    config = RunConfig.load(options.run_dir, options.trust)
     if config.env is None:
         raise UsageError(f"'{options.run_dir}' was saved from Python and names no task.")
     chosen = places(config, options.seed, options.setting)

@@ -39,7 +39,7 @@ def _main() -> None:
     parser.add_argument("--out", type=Path, help="the file; RUN_DIR/export/policy_STEPS.FORMAT")
     options = parser.parse_args()
     check_format(options.format)
-    config = RunConfig.load(options.run_dir)
+    config = RunConfig.load(options.run_dir, options.trust)
     set_up_host(config.physics, 1)
     choice = load_chosen(options)
     env = task_of(choice) if config.tasks else None

@@ -38,7 +38,7 @@ def draw_metrics(target: str, arguments: list[str]) -> int:
     parser.add_argument("run_dirs", type=Path, nargs=number or "+", metavar="RUN_DIR")
     parser.add_argument("--seed", type=int, default=None, help="one of the run's; its first")
     options = parser.parse_args(arguments)
-    configs = {run_dir: RunConfig.load(run_dir) for run_dir in options.run_dirs}
+    configs = {run_dir: RunConfig.load(run_dir, options.trust) for run_dir in options.run_dirs}
     return _save(_of_metrics(target, configs, options.seed), options.run_dirs[0], target)
 
 
@@ -64,7 +64,7 @@ def insight_of(options: argparse.Namespace) -> Insight:
     Raises:
       UsageError: the run names no task, has no options, or no such seed or checkpoint.
     """
-    config = RunConfig.load(options.run_dir)
+    config = RunConfig.load(options.run_dir, options.trust)
     number = number_of_options(config.make_agent())
     whole_number("episodes", options.episodes, at_least=1)
     if not config.tasks:

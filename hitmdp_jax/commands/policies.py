@@ -44,7 +44,7 @@ def load_chosen(options: argparse.Namespace) -> Chosen:
     Raises:
       UsageError: the folder holds no run, or no such seed, setting or checkpoint.
     """
-    config = RunConfig.load(options.run_dir)
+    config = RunConfig.load(options.run_dir, options.trust)
     seed = config.seed if options.seed is None else options.seed
     (place,) = places(config, seed, options.setting or 0)
     iteration, everyone = load_all(options.run_dir, checkpoint_named(options.checkpoint))

@@ -42,7 +42,7 @@ def _main() -> None:
     parser.add_argument("--episodes", type=int, default=EPISODES, help=f"recorded ({EPISODES})")
     options = parser.parse_args()
     whole_number("episodes", options.episodes, at_least=1)
-    configs = {run_dir: RunConfig.load(run_dir) for run_dir in options.run_dirs}
+    configs = {run_dir: RunConfig.load(run_dir, options.trust) for run_dir in options.run_dirs}
     if len(configs) == 1:
         ((run_dir, config),) = configs.items()
         set_up_host(ENGINE, 16 * options.episodes)

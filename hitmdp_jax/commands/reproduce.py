@@ -48,6 +48,7 @@ from pathlib import Path
 
 import jax
 
+from hitmdp_jax import plugins
 from hitmdp_jax.agents import AGENTS, find_agent
 from hitmdp_jax.analysis import tables, theorems
 from hitmdp_jax.analysis.comparison import compare, comparison_figure, table
@@ -112,6 +113,7 @@ def _algorithms(arguments: list[str]) -> tuple[list[str], list[str]]:
     listed = named(arguments).get("algos", "all")
     algos = sorted(AGENTS) if listed == "all" else listed.split(",")
     for algo in algos:
+        plugins.trust(algo, remember=True)
         find_agent(algo)
         if algos.count(algo) > 1:
             raise UsageError(f"algos = {listed} names {algo} more than once.")

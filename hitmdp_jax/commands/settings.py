@@ -22,7 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 import hitmdp_jax
 from hitmdp_jax import plugins
 from hitmdp_jax.errors import UsageError, exit_with, out_of_domain, unknown_name
-from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.config import RunConfig, trust_named
 
 HOST_SETTINGS = (
     "resume",
@@ -30,6 +30,7 @@ HOST_SETTINGS = (
     "overwrite",
     "report",
     "distributed",
+    "trust",
 )  # of the command line, not of the run
 OWN_GROUPS = ("env", "algo")  # whose choice may be path/to/file.py:Class
 OWN = "own"  # the choice that stands for it
@@ -81,7 +82,15 @@ def _say_in_a_line(args: threading.ExceptHookArgs) -> None:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser of flags that says what is wrong as every command line does."""
+    """A parser of flags, of a command that reads runs, that says what is wrong as all of them do.
+
+    Args:
+      **arguments: as `argparse.ArgumentParser`.
+    """
+
+    def __init__(self, **arguments: Any):
+        super().__init__(**arguments)
+        self.add_argument("--trust", action="store_true", help="run the files that a run names")
 
     def error(self, message: str) -> NoReturn:
         """Raise UsageError, of which `guarded` makes one sentence."""
@@ -168,9 +177,9 @@ class Settings:
         """
         return self._compose(self.overrides if job is None else job)
 
-    def config(self, job: Sequence[str] | None = None) -> RunConfig:
-        """Return a job's validated settings; Raises as `RunConfig.from_mapping`."""
-        return run_config(self.values(job))
+    def config(self, job: Sequence[str] | None = None, trust: bool = True) -> RunConfig:
+        """Return a job's validated settings; `trust` and Raises as `run_config`."""
+        return run_config(self.values(job), trust)
 
     def _compose(self, overrides: Sequence[str]) -> dict[str, Any]:
         return copy.deepcopy(_composed(self.folder.absolute(), tuple(overrides)))
@@ -188,8 +197,18 @@ def _composed(folder: Path, overrides: tuple[str, ...]) -> dict[str, Any]:
     return {str(name): x for name, x in values.items()}
 
 
-def run_config(values: dict[str, Any]) -> RunConfig:
-    """Return a run's validated settings among a command line's values."""
+def run_config(values: dict[str, Any], trust: bool = True) -> RunConfig:
+    """Return a run's validated settings among a command line's values.
+
+    Args:
+      values: every setting by name.
+      trust: run the files that they name, and remember that this user's command line named them.
+
+    Raises:
+      UsageError: as `RunConfig.from_mapping`.
+    """
+    if trust:
+        trust_named(values, remember=True)
     return RunConfig.from_mapping({k: v for k, v in values.items() if k not in HOST_SETTINGS})
 
 

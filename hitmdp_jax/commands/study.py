@@ -5,7 +5,8 @@ its arms share, the arms, and the one that the others are measured against. Ever
 its seeds as one program; the table says whether the differences are more than luck. Further
 settings are those of train.py and apply to every arm: `study embedding env=swimmer seed=100`. With
 `run_dir=` of an earlier study it goes on where that stopped; `append=docs/ablation.md` adds the
-question, the table and the command to a notebook.
+question, the table and the command to a notebook. `--trust` runs the files of tasks and algorithms
+that the study names and that no command line of yours has named before.
 """
 
 import dataclasses
@@ -20,6 +21,7 @@ from hitmdp_jax.analysis import ablation, tables
 from hitmdp_jax.commands.arms import train_arms, without_folder
 from hitmdp_jax.commands.settings import Settings, dispatched, folder_setting
 from hitmdp_jax.errors import UsageError, unknown_name
+from hitmdp_jax.training.config import trust_named
 
 STUDIES = Path(hitmdp_jax.__file__).parent / "studies"
 
@@ -46,11 +48,14 @@ def _usage() -> str:
 
 def _run(name: str, rest: list[str]) -> int:
     study = read(name)
+    trust, rest = "--trust" in rest, [text for text in rest if text != "--trust"]
     notebooks = [Path(text.split("=", 1)[1]) for text in rest if text.startswith("append=")]
     rest = [text for text in rest if not text.startswith("append=")]
     own = without_folder(rest)
     arms = {arm: [*study.settings, *more, *own] for arm, more in study.arms.items()}
-    folder = folder_setting(Settings(rest).values()) or Path(
+    values = Settings(rest).values()
+    trust_named(values, remember=True)
+    folder = folder_setting(values) or Path(
         f"runs/study/{Path(name).stem}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
     )
     for notebook in notebooks:
@@ -58,7 +63,7 @@ def _run(name: str, rest: list[str]) -> int:
             notebook.open("a").close()  # before hours of training, not after
         except OSError as error:
             raise UsageError(f"append={notebook} cannot be written: {error.strerror}.") from None
-    if code := train_arms(arms, folder):
+    if code := train_arms(arms, folder, trust):
         return code
     results = ablation.measure({arm: folder / arm for arm in arms}, study.control)
     rows = ablation.table(results)

@@ -198,7 +198,8 @@ def evaluated(run_dir: Path, config: RunConfig) -> dict[str, np.ndarray]:
 
 
 def _evaluate(run_dir: Path, *flags: str) -> list[dict[str, float]]:
-    command = [sys.executable, "-m", "hitmdp_jax.evaluate", str(run_dir), *flags, "--json"]
+    command = [sys.executable, "-m", "hitmdp_jax.evaluate", str(run_dir), "--json", "--trust"]
+    command += flags
     return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
 
 

@@ -33,7 +33,7 @@ from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import InterruptedRunError
 
 CHANGEABLE = ("total_steps", "data_devices")  # settings that a resumed run may change
-RESUMABLE = ("resume", "report", "distributed", *CHANGEABLE)  # what may be set then
+RESUMABLE = ("resume", "report", "distributed", "trust", *CHANGEABLE)  # what may be set then
 MULTIRUN = ("-m", "--multirun")
 FLAGS = (*MULTIRUN, "-h", "--help", "--hydra-help", "--version", "--cfg=job", "--cfg=all", "--info")
 SHOWN = 10  # settings of a sweep, the best; sweep.csv has all
@@ -95,7 +95,7 @@ def _sweep_folder(settings: Settings) -> Path:
     jobs = [settings.values(job) for job in settings.jobs()]
     for values in jobs:
         run_config(values).check_installed()
-        for flag in ("overwrite", "report", "distributed"):
+        for flag in ("overwrite", "report", "distributed", "trust"):
             flag_setting(values, flag)
         if values["distributed"]:
             raise UsageError("distributed=true trains one run in several processes: leave -m out.")
@@ -213,7 +213,7 @@ def _resumed(run_dir: Path, names: list[str], values: dict[str, Any]) -> RunConf
                 f"resume={run_dir} goes on with the run's own settings; only "
                 f"{' and '.join(CHANGEABLE)} can be changed, not '{name}'."
             )
-    config = RunConfig.load(run_dir)
+    config = RunConfig.load(run_dir, flag_setting(values, "trust"))
     if config.env is None:
         raise UsageError(f"'{run_dir}' was saved from Python and names no task to go on with.")
     changes = {name: values[name] for name in CHANGEABLE if name in names}

@@ -54,7 +54,7 @@ def _main() -> None:
     )
     options = parser.parse_args()
     whole_number("episodes", options.episodes, at_least=1)
-    config = RunConfig.load(options.run_dir)
+    config = RunConfig.load(options.run_dir, options.trust)
     engine = config.physics if options.engine is None else options.engine
     find_engine(engine).check()
     check_filming(config)
@@ -161,7 +161,7 @@ class Videos:
         command = [sys.executable, "-m", "hitmdp_jax.video", str(copy), "--out", str(out)]
         with (copy / ERRORS).open("w") as errors:
             self._process = subprocess.Popen(
-                [*command, "--episodes=1", f"--engine={ENGINE}", "--tensorboard"],
+                [*command, "--trust", "--episodes=1", f"--engine={ENGINE}", "--tensorboard"],
                 env=os.environ | {"JAX_PLATFORMS": "cpu"},
                 stdout=subprocess.DEVNULL,
                 stderr=errors,

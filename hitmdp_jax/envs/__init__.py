@@ -12,7 +12,7 @@ from hitmdp_jax.envs.dmc.suite import require_suite
 from hitmdp_jax.envs.keywords import check_keywords, parameters_of
 from hitmdp_jax.envs.physics import PhysicsChoice, find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
-from hitmdp_jax.plugins import is_own, label, load_class
+from hitmdp_jax.plugins import is_own, label, load_class, trust
 
 __all__ = ["check_engine", "check_env", "check_installed", "list_envs", "make_env", "register_env"]
 
@@ -111,6 +111,8 @@ def make_env(
     >>> env.observation_size, env.action_size
     (17, 6)
     """
+    if isinstance(name, str):
+        trust(name)  # whoever calls has named it
     given = {"physics": find_engine(physics), "version": version}
     task = check_env(name, version, action_repeat, **task_kwargs)
     takes = parameters_of(task)

@@ -40,6 +40,7 @@ WHOLE = {  # name -> the least value
     "video_every": 0,
     "seed": 0,
 }
+GROUPS = ("algo", "env", "second_env")  # of settings, each with a name
 WANDB = ("off", "program", "seed")
 Task = dict[str, Any]  # a task's name, version and keywords, as `make_env` takes them
 BESIDE_THE_POINT = (
@@ -98,7 +99,7 @@ class RunConfig:
         values["wandb"] = {False: "off"}.get(values.get("wandb", False), values.get("wandb"))
         if values["wandb"] not in WANDB:
             raise unknown_name("wandb", str(values["wandb"]), WANDB)
-        for name in ("algo", "env", "second_env"):
+        for name in GROUPS:
             given = values.get(name)
             named = isinstance(given, Mapping) and "name" in given
             if not named and (given is not None or name == "algo"):
@@ -270,11 +271,16 @@ class RunConfig:
         return yaml.safe_dump({"schema": SCHEMA} | self.to_dict(), sort_keys=False)
 
     @classmethod
-    def load(cls, run_dir: Path) -> "RunConfig":
+    def load(cls, run_dir: Path, trust: bool = False) -> "RunConfig":
         """Read a run's settings; what an older version did not have yet takes its default.
 
+        Args:
+          run_dir: the run's folder.
+          trust: run the files of tasks and algorithms that the settings name, whoever made them.
+
         Raises:
-          UsageError: the folder holds no run, or one that cannot be read.
+          UsageError: the folder holds no run, or one that cannot be read; or it names a file that
+            nobody here trusts (`plugins`).
         """
         path = run_dir / CONFIG
         if not path.is_file():
@@ -298,9 +304,19 @@ class RunConfig:
                     algo = values.get(str(algo.get("name")), {}) | algo
             settings["algo"] = algo
         try:
+            if trust:
+                trust_named(settings)
             return cls.from_mapping(settings)
         except UsageError as error:
-            raise UsageError(f"'{path}' does not fit: {error}") from None
+            raise UsageError(f"'{path}' cannot be used: {error}") from None
+
+
+def trust_named(settings: Mapping[str, Any], remember: bool = False) -> None:
+    """Trust the files that a run's settings name; args and Raises as `plugins.trust`."""
+    for group in GROUPS:
+        chosen = settings.get(group)
+        if isinstance(chosen, Mapping):
+            plugins.trust(str(chosen.get("name")), remember)
 
 
 def _check_division(num_envs: int, data_devices: int) -> None:

@@ -13,13 +13,14 @@ import numpy as np
 from flax import struct
 from jax.typing import ArrayLike
 
+from hitmdp_jax import plugins
 from hitmdp_jax.agents import AGENTS, Agent
 from hitmdp_jax.agents.base import check_hyperparameters
 from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.learning.normalization import normalize
 from hitmdp_jax.training.checkpoint import Checkpoints, Progress, normalizer_of, policy_of
 from hitmdp_jax.training.claim import claim
-from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.config import RunConfig, trust_named
 from hitmdp_jax.training.program import TrainState
 from hitmdp_jax.training.sweep import PREFIX
 
@@ -69,6 +70,7 @@ def load(
     seed: int | None = None,
     checkpoint: int | str = "newest",
     setting: int = 0,
+    trust: bool = False,
 ) -> Policy:
     """Load a policy of a run.
 
@@ -77,12 +79,15 @@ def load(
       seed: which of the run's seeds, by the number the run gave it; None takes the first.
       checkpoint: "newest"; "best", by the training return; or an iteration that was saved.
       setting: which setting of a sweep, by the number that its tables give it.
+      trust: run the file of an own task or algorithm that the run names. It needs no such word
+        where `save` or a command line of this user has named the file.
 
     Raises:
-      UsageError: the folder holds no run, or no such checkpoint, seed or setting.
+      UsageError: the folder holds no run, or no such checkpoint, seed or setting; or the run names
+        a file that nobody here trusts.
     """
     run_dir = _folder(run_dir)
-    config = RunConfig.load(run_dir)
+    config = RunConfig.load(run_dir, trust)
     (place, *_) = places(config, config.seed if seed is None else seed, setting)
     _, everyone = load_all(run_dir, checkpoint)
     return everyone.of(place)
@@ -179,6 +184,7 @@ def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: boo
     if not _fits(Policy(agent, learned["params"], normalizer_of(learned)), seeds):
         raise UsageError(f"The state does not fit the agent: {type(agent).__name__} made another.")
     run_dir = claim(folder, config, overwrite)
+    trust_named(config.to_dict(), remember=True)
     checkpoints = Checkpoints(run_dir)
     checkpoints.save(Progress(int(np.max(state.iteration)), 0, state))
     checkpoints.close()
@@ -192,6 +198,7 @@ def extract(
     seed: int | None = None,
     checkpoint: int | str = "newest",
     setting: int = 0,
+    trust: bool = False,
 ) -> None:
     """Copy one policy of a run into a folder of its own, which `load` reads: a few hundred kB.
 
@@ -203,11 +210,12 @@ def extract(
       seed: which of the run's seeds; None takes the first.
       checkpoint: "newest", "best", or an iteration that was saved.
       setting: which setting of a sweep.
+      trust: as `load`.
 
     Raises:
       UsageError: as `load`; or the folder holds a run or cannot be written.
     """
-    config = RunConfig.load(_folder(run_dir))
+    config = RunConfig.load(_folder(run_dir), trust)
     (place, *_) = places(config, config.seed if seed is None else seed, setting)
     iteration, everyone = load_all(run_dir, checkpoint)
     training = config.trainings[place]
@@ -233,7 +241,8 @@ def describe(agent: Agent) -> dict[str, Any]:
     file = inspect.getsourcefile(kind) if not names and kind.__module__ != "__main__" else None
     if not names and file is None:
         raise UsageError(f"{kind.__name__} must be defined in a file of its own to be saved.")
-    settings: dict[str, Any] = {"name": names[0] if names else f"{file}:{kind.__name__}"}
+    name = names[0] if names else plugins.absolute(f"{file}:{kind.__name__}")
+    settings: dict[str, Any] = {"name": name}
     for field in dataclasses.fields(agent):  # pyright: ignore[reportArgumentType]
         value = getattr(agent, field.name)
         if isinstance(value, jax.Array | np.ndarray | np.generic):

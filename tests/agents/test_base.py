@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 import hitmdp_jax
+from hitmdp_jax import plugins
 from hitmdp_jax.agents import MOPG, PPO, Agent, find_agent
 from hitmdp_jax.agents.base import check_hyperparameters
 from hitmdp_jax.errors import UsageError
 from tests.probes import Target
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_algorithm.py"
+PROBES = Path(__file__).parents[1] / "probes.py"
 
 
 class Plain(PPO):
@@ -120,6 +122,13 @@ def test_the_agent_that_acts_is_the_scheduled_one(key):
     assert returns[1] > 0.6
 
 
+@pytest.fixture(autouse=True)
+def named():
+    """The files that are named here, as a command line would name them."""
+    for name in (f"{EXAMPLE}:ClipHigher", f"{PROBES}:Target"):
+        plugins.trust(name)
+
+
 def test_agents_are_found_by_name_and_by_file():
     assert find_agent("mopg") is MOPG
     assert find_agent(f"{EXAMPLE}:ClipHigher") is find_agent(f"{EXAMPLE}:ClipHigher")
@@ -131,7 +140,7 @@ def test_agents_are_found_by_name_and_by_file():
         ("mopgg", "Unknown algo 'mopgg'; did you mean 'mopg'"),
         ("nowhere.py:Name", "there is no 'nowhere.py' here"),
         (f"{EXAMPLE}:ClipLower", "did you mean 'ClipHigher'"),
-        (f"{Path(__file__).parents[1] / 'probes.py'}:Target", "is no algorithm"),
+        (f"{PROBES}:Target", "is no algorithm"),
     ],
 )
 def test_what_is_not_found_is_explained(name, sentence):
