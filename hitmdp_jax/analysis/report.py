@@ -4,7 +4,6 @@ import base64
 import dataclasses
 import functools
 import html
-import inspect
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -33,7 +32,6 @@ from hitmdp_jax.analysis.statistics import (
 from hitmdp_jax.analysis.sweeps import rank
 from hitmdp_jax.analysis.sweeps import table as sweep_table
 from hitmdp_jax.analysis.tables import Rows
-from hitmdp_jax.envs import check_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.machine import made_with
 from hitmdp_jax.training.config import RunConfig
@@ -137,6 +135,7 @@ class RunReport:
     Args:
       run_dir: the run's folder.
       config: its settings.
+      command: what trains what they say.
       place: the training whose options are shown, by its place among the run's.
       insight: makes what that policy's options do; it raises UsageError where there are none.
       video: writes a video of that policy to a path; it raises UsageError if it cannot.
@@ -144,6 +143,7 @@ class RunReport:
 
     run_dir: Path
     config: RunConfig
+    command: str
     place: int
     insight: Callable[[], Insight]
     video: Callable[[Path], None]
@@ -200,7 +200,7 @@ class RunReport:
         yield table(
             [
                 ["", ""],
-                ["command", command(config)],
+                ["command", self.command],
                 ["environment steps", steps],
                 [f"return of the last {FINAL_STEPS:,} steps", score],
                 *each,
@@ -337,37 +337,12 @@ def explorer(known: Insight) -> Markup:
     return Markup(templates.get_template("explorer.html").render(data=data, options=options(K)))
 
 
-def command(config: RunConfig) -> str:
-    """Return a command that trains what the settings say, whatever differs from the defaults."""
-    if not config.tasks:
-        return "hitmdp_jax.train, from Python"
-    task, agent = config.tasks[0], type(config.make_agent())
-    known = inspect.signature(check_env(task["name"], task.get("version", "v5"))).parameters
-    usual = {name: parameter.default for name, parameter in known.items()}
-    usual |= {"version": "v5", "action_repeat": 1}
-    usual_algo = {field.name: field.default for field in dataclasses.fields(agent)}
-    parts = [f"env={task['name']}", f"algo={config.algo['name']}"]
-    if config.second_env is not None:
-        second = config.second_env["name"]
-        parts = ["experiment=transfer", *parts, f"second_env.name={second}"]
-    for group, settings, defaults in (("env", task, usual), ("algo", config.algo, usual_algo)):
-        for name, value in settings.items():
-            if name != "name" and value != _listed(defaults.get(name)):
-                parts.append(f"{group}.{name}={value}")
-    for name in ("physics", "seeds", "seed", "total_steps", "num_envs", "rollout_length"):
-        parts.append(f"{name}={getattr(config, name)}")
-    return " ".join(["python train.py", *parts])
-
-
-def _listed(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
-
-
-def compare(runs: Mapping[str, tuple[Path, RunConfig]]) -> str:
+def compare(runs: Mapping[str, tuple[Path, RunConfig]], commands: Mapping[str, str]) -> str:
     """Return the page about several runs.
 
     Args:
       runs: name -> folder and settings; the first is what the others are measured against.
+      commands: name -> what trains what its settings say.
     """
     metrics = {name: read_metrics(folder) for name, (folder, _) in runs.items()}
     configs = {name: config for name, (_, config) in runs.items()}
@@ -393,8 +368,8 @@ def compare(runs: Mapping[str, tuple[Path, RunConfig]]) -> str:
     def seeds() -> Parts:
         yield chart(plots.profiles(list(scores), list(scores.values())))
 
-    def commands() -> Parts:
-        yield preformatted("\n".join(command(config) for config in configs.values()))
+    def made_by() -> Parts:
+        yield preformatted("\n".join(commands.values()))
         made = dict.fromkeys(made_with(folder) for folder, _ in runs.values())
         yield text("Made with " + "; and ".join(made) + ".")
 
@@ -403,6 +378,6 @@ def compare(runs: Mapping[str, tuple[Path, RunConfig]]) -> str:
         "Returns": returns,
         "Learning": curves,
         "What share of seeds reaches a return": seeds,
-        "Commands": commands,
+        "Commands": made_by,
     }
     return page("Comparison", "; ".join(titles), sections)

@@ -13,6 +13,7 @@ import jax
 import numpy as np
 
 from hitmdp_jax.analysis.trajectories import Trajectories, record
+from hitmdp_jax.commands.command_line import command_line
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
 from hitmdp_jax.commands.settings import Parser, guarded
 from hitmdp_jax.envs import make_env
@@ -50,7 +51,9 @@ def _main() -> None:
     else:
         from hitmdp_jax.analysis.report import compare
 
-        _save(compare(_named(configs)), options.out or Path("comparison.html"))
+        runs = _named(configs)
+        commands = {name: command_line(config) for name, (_, config) in runs.items()}
+        _save(compare(runs, commands), options.out or Path("comparison.html"))
 
 
 def write(
@@ -127,7 +130,7 @@ def report(
         beginning = shown.alive & (np.arange(len(shown.alive)) < FILMED)[:, None]
         write_video(path, env, shown.replace(alive=beginning), episodes=[0], size=PIXELS)
 
-    return RunReport(run_dir, config, place, insight, video).html()
+    return RunReport(run_dir, config, command_line(config), place, insight, video).html()
 
 
 def _median(run_dir: Path, config: RunConfig) -> int:

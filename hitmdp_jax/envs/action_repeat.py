@@ -16,8 +16,8 @@ class ActionRepeat(Wrapper):
     """Holds each action for N control steps and adds up their rewards, undiscounted.
 
     The hold ends early where the task ends the episode, and at the task's time limit: an episode is
-    as long as without the wrapper. Reward terms in `state.metrics` are added up, too: those that the
-    task lists in its `reward_terms`, and all that have "reward" in their names, as Brax's and
+    as long as without the wrapper. Reward terms in `state.metrics` are added up, too: those that
+    the task lists in its `reward_terms`, and all that have "reward" in their names, as Brax's and
     Playground's have. Whatever else the task reports there is that of the last control step.
 
     Args:

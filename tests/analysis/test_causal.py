@@ -19,7 +19,7 @@ from hitmdp_jax.analysis.causal import (
 from hitmdp_jax.analysis.trajectories import record
 from hitmdp_jax.learning.normalization import initial_statistics
 from hitmdp_jax.training.policy import Policy
-from tests.analysis.test_options import episodes, pad, padding, runs, untimed
+from tests.analysis.test_options import episodes, pad, padding, runs
 from tests.analysis.told import Payment, obvious
 from tests.programs import compiled
 
@@ -67,7 +67,6 @@ def test_a_single_option_makes_no_difference(key):
     np.testing.assert_allclose(effects(found).difference, 0.0, atol=1e-4)
 
 
-@untimed
 @given(episodes, padding, st.integers(0, 99))
 def test_shuffling_keeps_each_episodes_activations(episodes, padding, seed):
     option, alive = pad(episodes, padding)
