@@ -1,6 +1,4 @@
 import functools
-import subprocess
-import sys
 import warnings
 from typing import Any
 
@@ -114,10 +112,3 @@ def test_mistakes_are_explained(key):
         score(untrained(17, 6, key), PENDULUM, "gym", 1, key)
     with pytest.raises(UsageError, match="episodes = 0 must be a positive whole number"):
         score(untrained(17, 6, key), PENDULUM, "native", 0, key)
-
-
-def test_the_command_explains_a_missing_run():
-    command = [sys.executable, "-m", "hitmdp_jax.evaluate", "nowhere"]
-    result = subprocess.run(command, capture_output=True, text=True)
-    assert result.returncode == 2
-    assert result.stderr == "error: 'nowhere' is not a run's folder: it has no config.yaml.\n"

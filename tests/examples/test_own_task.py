@@ -40,7 +40,7 @@ def test_a_keyword_reaches_the_task_and_is_checked_by_its_default():
         make(torqe_cost=1.0)
 
 
-@pytest.mark.parametrize("physics", ["mjx", "native"])
+@pytest.mark.parametrize("physics", [pytest.param("mjx", marks=pytest.mark.slow), "native"])
 def test_it_trains(physics):
     sizes = {"num_steps": 64, "num_envs": 2, "rollout_length": 16}  # two iterations
     agent = MOPG(hidden_sizes=(8,), num_epochs=1, minibatch_size=32)

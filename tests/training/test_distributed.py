@@ -11,6 +11,8 @@ import jax
 import numpy as np
 import pytest
 
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import Checkpoints, saved_iterations
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.run import Run
@@ -76,27 +78,11 @@ def assert_alike(one, other):
         np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [pytest.param(["seeds=2"], marks=pytest.mark.slow, id="trial"), pytest.param([], id="data")],
-)
-def test_two_processes_train_what_one_trains(start_two, command, tmp_path, settings):
-    """They train and go on, one alone does it at once; the first one alone leaves anything."""
-    together, alone = tmp_path / "together", tmp_path / "alone"
-    codes, told = ends(
-        start_two(
-            *QUICK, *(settings or ["data_devices=2"]), "total_steps=4096", f"run_dir={together}"
-        )
-    )
-    assert codes == [0, 0], told
-    codes, told = ends(start_two(f"resume={together}", "total_steps=8192", "report=false"))
-    assert codes == [0, 0], told
-    assert "in 2 processes" in told[0][0]
-    others = [line for line in told[1][0].splitlines() if not line.startswith("[Gloo]")]
-    assert others == []
-    assert not list((tmp_path / "process_1").iterdir())
-
-    one = command("train", *QUICK, *settings, "total_steps=8192", f"run_dir={alone}")
+def assert_alone_ends_alike(command, together, *settings):
+    """One process that trains as far, at once, comes to the same."""
+    alone = together.with_name("alone")
+    steps = int(rows_of(together)[-1]["env_steps"])
+    one = command("train", *QUICK, *settings, f"total_steps={steps}", f"run_dir={alone}")
     assert one.returncode == 0, one.stderr
     rows = [rows_of(folder) for folder in (together, alone)]
     for name in ("iteration", "seed", "recent_return", "action_entropy"):
@@ -104,8 +90,9 @@ def test_two_processes_train_what_one_trains(start_two, command, tmp_path, setti
     assert_alike(state_of(together), state_of(alone))
 
 
-def test_a_signal_to_one_stops_both_at_the_same_iteration(start_two, tmp_path):
-    run_dir = tmp_path / "run"
+def test_two_processes_stop_together_and_go_on_as_one_would_train(start_two, command, tmp_path):
+    """A signal to one stops both after the same iteration; the first one alone leaves anything."""
+    run_dir = tmp_path / "together"
     pair = start_two(*QUICK, *LONG, "data_devices=2", f"run_dir={run_dir}")
     wait_for_rows(run_dir, 3, pair[0])
     pair[1].send_signal(signal.SIGTERM)
@@ -115,8 +102,26 @@ def test_a_signal_to_one_stops_both_at_the_same_iteration(start_two, tmp_path):
     last = int(rows_of(run_dir)[-1]["iteration"])
     assert max(saved_iterations(run_dir)) == last
 
+    steps = f"total_steps={(last + 2) * 2048}"
+    codes, told = ends(start_two(f"resume={run_dir}", steps, "report=false"))
+    assert codes == [0, 0], told
+    assert "in 2 processes" in told[0][0]
+    others = [line for line in told[1][0].splitlines() if not line.startswith("[Gloo]")]
+    assert others == []
+    assert not list((tmp_path / "process_1").iterdir())
+    assert_alone_ends_alike(command, run_dir)
 
-@pytest.mark.parametrize("killed", [pytest.param(0, marks=pytest.mark.slow), 1])
+
+@pytest.mark.slow
+def test_two_processes_share_the_seeds_as_one_trains_them(start_two, command, tmp_path):
+    run_dir = tmp_path / "together"
+    codes, told = ends(start_two(*QUICK, "seeds=2", "total_steps=4096", f"run_dir={run_dir}"))
+    assert codes == [0, 0], told
+    assert_alone_ends_alike(command, run_dir, "seeds=2")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("killed", [0, 1])
 def test_a_killed_process_ends_the_other_and_the_run_goes_on_alone(
     start_two, command, tmp_path, killed
 ):
@@ -137,6 +142,7 @@ def test_a_killed_process_ends_the_other_and_the_run_goes_on_alone(
     assert int(rows_of(run_dir)[-1]["iteration"]) == saved + 1
 
 
+@pytest.mark.slow
 def test_what_one_finds_wrong_both_end_for(start_two, tmp_path):
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "config.yaml").write_text("")
@@ -156,14 +162,20 @@ def test_more_processes_than_work_are_refused(start_two):
 @pytest.mark.parametrize(
     ("variables", "part"),
     [
-        ({}, "distributed=true finds no other processes"),
         ({"JAX_NUM_PROCESSES": "two"}, "JAX_NUM_PROCESSES = two must be a whole number"),
         ({"JAX_COORDINATOR_ADDRESS": "here"}, "JAX_COORDINATOR_ADDRESS = here must be a host and"),
     ],
 )
-def test_variables_that_tell_of_no_processes_are_refused(variables, part):
+def test_variables_that_are_wrong_are_refused(monkeypatch, variables, part):
+    for name, text in variables.items():
+        monkeypatch.setenv(name, text)
+    with pytest.raises(UsageError, match=part):
+        processes.join()
+
+
+def test_variables_that_tell_of_no_processes_are_refused():
     command = [sys.executable, "-m", "hitmdp_jax.train", "distributed=true", *QUICK]
-    environment = os.environ | {"PYTHONPATH": str(CHECKOUT)} | variables
+    environment = os.environ | {"PYTHONPATH": str(CHECKOUT)}
     out = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert out.returncode == 2
-    assert part in out.stderr.splitlines()[-1]
+    assert "distributed=true finds no other processes" in out.stderr.splitlines()[-1]

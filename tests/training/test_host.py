@@ -1,12 +1,14 @@
-"""What the command lines set up, in processes of their own: JAX can be set up only once."""
+"""What the command lines set up. JAX can be set up only once: one process of its own shows it."""
 
 import os
 import subprocess
 import sys
 
+import jax
 import pytest
 
 from hitmdp_jax.machine import available_cores
+from hitmdp_jax.training.host import set_up_host
 
 # As many large batches of factorisations at once as wait for one another on a machine of few cores.
 FACTORISATIONS = """
@@ -40,14 +42,15 @@ def test_large_batches_of_factorisations_do_not_hang():
 
 
 @pytest.mark.parametrize(("trainings", "data"), [(1, 1), (2, 1), (1, 2), (3, 2)])
-def test_no_more_devices_and_threads_than_trainings_take(trainings, data):
-    code = (
-        "import jax, os; from hitmdp_jax.training.host import set_up_host;"
-        f"set_up_host('native', 16, {trainings}, {data}); "
-        "print(len(jax.local_devices()), os.environ['NPROC'])"
-    )
+def test_no_more_devices_and_threads_than_trainings_take(monkeypatch, trainings, data):
+    """What XLA is asked for, which it gives where nothing has been computed (the test above)."""
+    settings = {}
+    monkeypatch.setattr(jax.config, "update", settings.__setitem__)
+    monkeypatch.delenv("NPROC")
+    set_up_host("native", 16, trainings, data)
     expected = data * min(trainings, max(1, available_cores() // data))
-    assert run([sys.executable, "-c", code]).stdout.split() == [str(expected)] * 2
+    assert settings["jax_num_cpu_devices"] == expected
+    assert os.environ["NPROC"] == str(expected)
 
 
 @pytest.mark.slow
