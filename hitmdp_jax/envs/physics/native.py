@@ -5,7 +5,7 @@ import functools
 import hashlib
 import threading
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -113,6 +113,11 @@ class NativePhysics:
         self._functions = {w: functools.partial(self._on_host, w) for w in ("forward", "step")}
         for what, function in self._functions.items():
             host_call.register(f"{self._key}.{what}", function)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy and pickle what it is made from: a pool of threads stays with its process."""
+        settings = self.frame_skip, self._fields, self._current_fields, self.num_threads
+        return NativePhysics, (self.model, *settings)
 
     def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
         """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""

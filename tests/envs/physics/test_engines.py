@@ -1,4 +1,6 @@
+import copy
 import os
+import pickle
 import re
 
 import jax
@@ -208,6 +210,21 @@ def test_native_uses_only_the_cores_it_may_use(ball, monkeypatch):
     finally:
         os.sched_setaffinity(0, allowed)
     assert threads == [1, 1]
+
+
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))]
+)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_tasks_of_every_engine_are_copied_and_pickled(engine, again):
+    env = make_env("invertedpendulum", physics=engine, action_repeat=2)
+    other = again(env)
+    assert other is not env
+    assert (other.backend, other.dt, other.action_size) == (engine, env.dt, env.action_size)
+    if engine == NativeEngine.name:  # where more than JAX's own arrays is copied
+        state = env.reset(jax.random.key(0))
+        states = [e.step(state, np.ones(1, np.float32)) for e in (env, other)]
+        np.testing.assert_array_equal(*(s.obs for s in states))
 
 
 def test_negative_threads_are_refused():
