@@ -79,7 +79,7 @@ class Checkpoints:
         return time.monotonic() - self._last_save > INTERVAL
 
     def save(self, progress: Progress, recent_return: float = math.nan) -> None:
-        """Save a state, unless that is done already or something in it is not finite.
+        """Save a state, unless that is done already.
 
         A disk that is full is told once and ends nothing: the checkpoints before stay as they are.
 
@@ -90,7 +90,7 @@ class Checkpoints:
         state, iteration = progress.state, progress.iteration
         assert state is not None
         policy = policy_of(state)
-        if iteration in self._manager.all_steps() or not _finite(policy):
+        if iteration in self._manager.all_steps():
             return
         words = {
             "schema": SCHEMA,
@@ -306,10 +306,6 @@ def _savable(tree: Any) -> Any:
 
 def _size(state: TrainState) -> int:
     return sum(x.nbytes for x in jax.tree.leaves(with_raw_keys(state)))
-
-
-def _finite(tree: Any) -> bool:
-    return all(np.isfinite(x).all() for x in jax.device_get(jax.tree.leaves(tree)))
 
 
 def _score(metrics: Any) -> float:

@@ -1,6 +1,7 @@
 """The training program: pure functions of a key that jit, vmap and scan."""
 
 import dataclasses
+import fnmatch
 from collections.abc import Callable
 from typing import Any
 
@@ -20,7 +21,12 @@ from hitmdp_jax.learning.metrics import Metrics, describe, over_iterations
 from hitmdp_jax.learning.normalization import initial_statistics, update_statistics
 from hitmdp_jax.learning.rollout import RolloutState, collect
 
-CAUSES = ("none", "reward", "loss", "parameters")  # what was not finite where a seed diverged
+# What was not finite where a seed diverged. Checkpoints hold the place: new ones go to the end.
+CAUSES = (
+    "none", "reward", "loss", "parameters", "observation", "observation statistics", "policy"
+)  # fmt: skip
+# Metrics of an algorithm that are always measured, by the cause that one has which is not finite.
+WATCHED = {"loss": ("*_loss",), "policy": ("*_entropy", "termination", "information")}
 
 
 Hyperparameters = dict[str, jax.Array]  # float hyperparameter -> its value
@@ -144,7 +150,7 @@ class Program:
         assert isinstance(task.observation_size, int)
         memory = agent.initial_memory(key_memory, (self.env.num_envs,))
         zero = jnp.zeros((), jnp.int32)
-        return TrainState(
+        state = TrainState(
             hyperparameters=hyperparameters,
             learner=agent.init(key_agent, task.observation_size, task.action_size),
             normalizer=initial_statistics(task.observation_size),
@@ -155,6 +161,8 @@ class Program:
             diverged=zero,
             cause=zero,
         )
+        # Each field has memory of its own, so that a step may be given all of it (donated).
+        return jax.tree.map(jnp.copy, state)
 
     def step(self, state: TrainState) -> tuple[TrainState, Metrics]:
         """Collect a rollout with the agent as it is at this point of the run, and learn from it."""
@@ -179,23 +187,42 @@ class Program:
             key=key,
             iteration=state.iteration + 1,
         )
+        seen = {
+            "observation": (obs, outcome.next_obs),
+            "reward": outcome.reward,
+            "observation statistics": new.normalizer,
+            "loss": watched(learning, "loss"),
+            "policy": watched(learning, "policy"),
+            "parameters": learner.params,
+        }
         metrics = episode_metrics(outcome) | new.episodes.metrics() | learning
-        return freeze_diverged(state, new, metrics, batch.reward)
+        return freeze_diverged(state, new, metrics, seen)
+
+
+def watched(learning: Metrics, cause: str) -> list[jax.Array]:
+    """Return those of an algorithm's metrics of which one that is not finite has that cause."""
+    names = {name for pattern in WATCHED[cause] for name in fnmatch.filter(learning, pattern)}
+    return [learning[name] for name in sorted(names)]
 
 
 def freeze_diverged(
-    old: TrainState, new: TrainState, metrics: Metrics, reward: jax.Array
+    old: TrainState, new: TrainState, metrics: Metrics, seen: dict[str, Any]
 ) -> tuple[TrainState, Metrics]:
     """Keep what a run had learned when it is no longer finite; its metrics are NaN from then on.
 
-    A NaN would stay in the parameters for ever, and take what was learned with it. Nothing is
-    shared between the runs of a sweep, so the others go on as they would alone.
+    A NaN would stay in the parameters or the normaliser for ever, and take what was learned with
+    it. Nothing is shared between the runs of a sweep, so the others go on as they would alone.
+
+    Args:
+      old: the state before the iteration.
+      new: the state after it.
+      metrics: the iteration's.
+      seen: what must be finite, by its name in `CAUSES`; of several the first is the cause.
     """
-    losses = [x for name, x in metrics.items() if name.endswith("loss")]
-    parts = (reward, losses, new.learner.params)
-    finite = jnp.stack([jnp.isfinite(ravel_pytree(part)[0]).all() for part in parts])
+    finite = jnp.stack([jnp.isfinite(ravel_pytree(part)[0]).all() for part in seen.values()])
     lost = (old.diverged > 0) | ~finite.all()
     first = (old.diverged == 0) & ~finite.all()
+    causes = jnp.array([CAUSES.index(name) for name in seen], jnp.int32)
 
     def keep(before: Any, after: Any) -> Any:
         return jax.tree.map(lambda a, b: jnp.where(lost, a, b), before, after)
@@ -204,7 +231,7 @@ def freeze_diverged(
         learner=keep(old.learner, new.learner),
         normalizer=keep(old.normalizer, new.normalizer),
         diverged=jnp.where(first, new.iteration, old.diverged),
-        cause=jnp.where(first, 1 + jnp.argmin(finite), old.cause).astype(jnp.int32),
+        cause=jnp.where(first, causes[jnp.argmin(finite)], old.cause),
     )
 
     def nothing(name: str, x: jax.Array) -> jax.Array:

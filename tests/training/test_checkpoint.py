@@ -48,13 +48,15 @@ def test_the_newest_and_the_best_are_kept(checkpoints, tmp_path, state):
     assert saved_iterations(tmp_path) == [2, *range(8 - KEPT, 8)]
 
 
-def test_what_is_not_finite_replaces_nothing(checkpoints, tmp_path, state):
-    checkpoints.save(Progress(1, 0, state))
-    params = jax.tree.map(lambda x: x * np.nan, state.learner.params)
-    broken = state.replace(learner=state.learner.replace(params=params))
-    checkpoints.save(Progress(2, 0, broken))
+def test_a_seed_that_is_not_finite_keeps_no_other_from_being_saved(checkpoints, tmp_path, state):
+    """What a seed had learned is kept by `freeze_diverged`; whatever a state holds is saved."""
+    normalizer = state.normalizer.replace(mean=state.normalizer.mean.at[0].set(np.nan))
+    checkpoints.save(Progress(2, 0, state.replace(normalizer=normalizer)))
     checkpoints.close()
-    assert saved_iterations(tmp_path) == [1]
+    assert saved_iterations(tmp_path) == [2]
+    assert checkpoints.failure is None
+    mean = Checkpoints(tmp_path, read_only=True).restore_policy()[1]["mean"]
+    assert np.isfinite(mean[:, 0]).tolist() == [False, True]
 
 
 def test_a_torn_checkpoint_gives_way_to_the_one_before(tmp_path, state, capsys):

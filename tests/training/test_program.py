@@ -10,9 +10,12 @@ from hitmdp_jax.agents import MOPG, PPO
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.program import (
     CAUSES,
+    WATCHED,
+    freeze_diverged,
     num_iterations,
     repeat,
     transfer,
+    watched,
 )
 from tests.probes import Counter, PlaygroundTarget, Target
 
@@ -144,54 +147,65 @@ class Annealed(MOPG):
 
 
 class Poison(Target):
-    """The reward is NaN from the tenth step on in an episode that started below a threshold."""
+    """Numbers are added to the reward and to the observation that a step leads to, from the tenth
+    step on in an episode that started below a threshold; to the last observation alone."""
 
     episode_length = 16
 
-    def __init__(self, threshold):
-        self.threshold = threshold
+    def __init__(self, threshold, reward=0.0, obs=0.0, last=0.0):
+        self.threshold, self.reward, self.obs, self.last = threshold, reward, obs, last
 
     def reset(self, rng):
-        return super().reset(rng).replace(info={"clock": jnp.zeros(())})
+        state = super().reset(rng)
+        return state.replace(info={"clock": jnp.zeros(()), "start": state.obs})
 
     def step(self, state, action):
-        clock = state.info["clock"] + 1
-        poisoned = (clock >= 10) & (state.obs[0] < self.threshold)
-        reward = jnp.where(poisoned, jnp.nan, 1.0)
-        return state.replace(reward=reward, done=jnp.zeros(()), info={"clock": clock})
+        clock, start = state.info["clock"] + 1, state.info["start"]
+        poisoned = start[0] < self.threshold
+
+        def added(after, what):
+            return jnp.where(poisoned & (clock >= after), what, 0.0)
+
+        obs = start + added(10, self.obs) + added(16, self.last)
+        info = state.info | {"clock": clock}
+        reward = 1.0 + added(10, self.reward)
+        return state.replace(obs=obs, reward=reward, done=jnp.zeros(()), info=info)
 
 
 @pytest.fixture(scope="module")
 def options():
-    """Six runs with options: init(keys), step(threshold, states), and three steps as one."""
+    """Six runs with options: init(keys), step(poison, states), and three steps as one."""
     agent = Annealed(num_epochs=1, hidden_sizes=(8,))
     sizes = {"num_steps": 3 * 64, "num_envs": 8, "rollout_length": 8, "stagger": False}
 
-    def program(threshold):
-        return hitmdp_jax.make_train(agent, Poison(threshold), **sizes)
+    def program(poison):
+        return hitmdp_jax.make_train(agent, Poison(**poison), **sizes)
 
     return compiled(
-        lambda keys: jax.vmap(program(-2.0)[0])(keys),
-        lambda threshold, states: jax.vmap(program(threshold)[1])(states),
-        lambda threshold, states: jax.vmap(repeat(program(threshold)[1], 3))(states),
+        lambda keys: jax.vmap(program(NO_POISON)[0])(keys),
+        lambda poison, states: jax.vmap(program(poison)[1])(states),
+        lambda poison, states: jax.vmap(repeat(program(poison)[1], 3))(states),
     )
 
 
-def with_options(options, threshold):
+NO_POISON = {"threshold": -2.0, "reward": 0.0, "obs": 0.0, "last": 0.0}
+
+
+def with_options(options, **poison):
     init, step, _ = options
     keys = jax.vmap(jax.random.key)(jnp.arange(6))
-    return iterated(lambda keys: init(keys), functools.partial(step, threshold), keys)
+    return iterated(init, functools.partial(step, NO_POISON | poison), keys)
 
 
 @pytest.fixture(scope="module")
 def sound(options):
     """The states and the metrics [3, 6] of runs in which nothing goes wrong."""
-    return with_options(options, -2.0)
+    return with_options(options)
 
 
 def test_repeated_iterations_sum_up_their_metrics(options, sound):
     states, each = sound
-    again, together = options[2](-2.0, states[0])
+    again, together = options[2](NO_POISON, states[0])
     assert_close(again, states[-1], rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(together["option_steps"], each["option_steps"].sum(0))
     np.testing.assert_allclose(together["episodes"], each["episodes"].sum(0))
@@ -202,14 +216,28 @@ def test_repeated_iterations_sum_up_their_metrics(options, sound):
     np.testing.assert_allclose(together["value_loss"], each["value_loss"].mean(0), rtol=1e-5)
 
 
-def test_a_run_that_is_not_finite_keeps_its_last_finite_state_and_harms_no_other(options, sound):
-    states, metrics = with_options(options, -0.9)
+@pytest.mark.parametrize(
+    ("poison", "cause"),
+    [
+        ({"reward": np.nan}, "reward"),
+        ({"obs": np.nan}, "observation"),
+        ({"obs": np.inf}, "observation"),
+        # A state that no policy sees: the time limit ends the episode there.
+        ({"last": np.nan}, "observation"),
+        # Its square overflows; clipped, it would be like any other to the policy.
+        ({"obs": 1e30}, "observation statistics"),
+    ],
+)
+def test_a_run_that_is_not_finite_keeps_its_last_finite_state_and_harms_no_other(
+    options, sound, poison, cause
+):
+    states, metrics = with_options(options, threshold=-0.9, **poison)
     _, once, _, thrice = states
     lost = np.asarray(thrice.diverged) > 0
     assert lost.any()
     assert not lost.all()
     assert set(np.asarray(thrice.diverged)[lost]) == {2}
-    assert {CAUSES[i] for i in np.asarray(thrice.cause)[lost]} == {"reward"}
+    assert {CAUSES[i] for i in np.asarray(thrice.cause)[lost]} == {cause}
     told = np.asarray(metrics["diverged"])
     assert told[:, lost].all(axis=1).tolist() == [False, True, True]
     assert not told[:, ~lost].any()
@@ -217,11 +245,39 @@ def test_a_run_that_is_not_finite_keeps_its_last_finite_state_and_harms_no_other
     assert (np.asarray(metrics["option_steps"])[1:, lost] == 0).all()
     # A lost seed's parameters are those after its only finite iteration. The others are bit for
     # bit what they are where nobody diverges.
-    learners = (jax.tree.leaves(s.learner) for s in (once, thrice, sound[0][-1]))
+    learned = ((s.learner, s.normalizer) for s in (once, thrice, sound[0][-1]))
+    learners = map(jax.tree.leaves, learned)
     for one, three, where_nobody in zip(*learners, strict=True):
         np.testing.assert_array_equal(one[lost], three[lost])
         assert np.isfinite(three).all()
         np.testing.assert_array_equal(where_nobody[~lost], three[~lost])
+
+
+@pytest.mark.parametrize("name", ["value_loss", "termination_loss", "own_loss", "termination"])
+def test_an_algorithms_metric_that_is_not_finite_is_divergence(history, name):
+    """Whatever else is finite; a task's own metrics may be anything."""
+    states, metrics = history
+    one = jax.tree.map(lambda x: x[0], metrics)
+    for learning, cause in ({name: 1.0}, "none"), ({name: np.nan}, CAUSE_OF.get(name, "loss")):
+        seen = {c: watched(jax.tree.map(jnp.asarray, learning), c) for c in WATCHED}
+        state, told = freeze_diverged(states[0], states[1], one, seen)
+        assert CAUSES[int(state.cause)] == cause
+        assert int(state.diverged) == (0 if cause == "none" else 1)
+        assert bool(told["diverged"]) == (cause != "none")
+
+
+CAUSE_OF = {"termination": "policy"}
+
+
+@pytest.mark.parametrize("compile_init", [False, True])
+def test_a_step_may_be_given_the_memory_of_the_state(program, compile_init):
+    """Donation: XLA refuses it where two fields share their memory."""
+    init, _ = hitmdp_jax.make_train(AGENT, Counter(), **SIZES)
+    given = {"learning_rate": jnp.asarray(1e-3)}
+    state = (jax.jit(init) if compile_init else init)(jax.random.key(0), given)
+    donated = jax.jit(lambda state: jax.tree.map(lambda x: x, state), donate_argnums=0)
+    jax.block_until_ready(donated(state))
+    assert not given["learning_rate"].is_deleted()
 
 
 def test_the_agent_that_acts_is_the_scheduled_one(sound):
