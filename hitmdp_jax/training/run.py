@@ -92,10 +92,11 @@ class Run:
             state = init(*place((self.keys(), self.hyperparameters()), self.mesh))
         elif progress.task != task:
             state = place(state, self.mesh)
-            # The run's own key goes on splitting; another task's start must not repeat what it
-            # gives.
-            keys = jax.vmap(jax.random.fold_in, in_axes=(0, None))(state.key, task)
-            state = transfer(state, init(keys, state.hyperparameters))
+            # Both are split off the run's key, which nothing uses any more: a key that is drawn
+            # from and split, too, gives the same numbers twice.
+            keys, of_start = jnp.moveaxis(jax.vmap(jax.random.split)(state.key), 1, 0)
+            fresh = init(of_start, state.hyperparameters)
+            state = transfer(state.replace(key=keys), fresh)
         # Laid out alike, fresh or restored: the program is one, and is compiled once for both.
         return place(state, self.mesh)
 

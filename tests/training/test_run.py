@@ -101,12 +101,27 @@ def test_a_restored_state_is_stepped_by_the_same_program(seeds):
 def test_a_transfer_keeps_what_was_learned_in_episodes_of_its_own(run, inits, first):
     learned = first.replace(iteration=np.full(2, 5, np.int32))
     state = run.begin(1, Progress(5, 0, learned), inits[1])
-    kept = [(s.learner, s.normalizer, s.key, s.iteration) for s in (state, learned)]
+    kept = [(s.learner, s.normalizer, s.iteration) for s in (state, learned)]
     assert_same(*kept)
     assert "clock" in state.rollout.env.env.info
     # Neither the seeds nor the two tasks start in the same states.
     starts = raw([x.rollout.env.env.obs for x in (first, state)])
     assert len(np.unique(np.stack(starts))) == 2 * 2 * SIZES["num_envs"]
+
+
+def test_a_second_task_starts_with_keys_that_no_iteration_uses(run, inits, first):
+    starts = []
+
+    def init(keys, hyperparameters):
+        starts.append(keys)
+        return inits[1](keys, hyperparameters)
+
+    state = run.begin(1, Progress(5, 0, first), init)
+    split = jax.vmap(jax.random.split, in_axes=(0, None))
+    # What the second task's start and its first iteration (`Program`) make of their keys.
+    used = raw([*starts, state.key, split(starts[0], 4), split(state.key, 3)])
+    used = np.concatenate([x.reshape(-1, 2) for x in used])
+    assert len(np.unique(used, axis=0)) == len(used)
 
 
 @pytest.mark.parametrize("task", [0, 1])
