@@ -12,7 +12,7 @@ import dataclasses
 import io
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -66,8 +66,11 @@ def publish(
     evaluation: Mapping[str, np.ndarray],
     about: Mapping[str, Any],
     known: Cell | None = None,
+    more: Callable[[Path], None] = lambda folder: None,
 ) -> None:
     """Write what is kept of a finished run, in place of what the folder held.
+
+    A kill at any moment leaves the old cell or the new one, which is always whole.
 
     Args:
       run_dir: the run's folder.
@@ -75,12 +78,15 @@ def publish(
       evaluation: further columns [R] of the table of seeds.
       about: the command, versions and whatever else should be known of the run.
       known: what the folder holds, if the run's seeds are to follow those.
+      more: adds further files to the folder that it is given, which becomes the cell's.
     """
     config, metrics = RunConfig.load(run_dir), read_metrics(run_dir)
     seeds, points = columns_of(config, metrics) | dict(evaluation), curve(config, metrics)
     told = dict(about) | {"hours": round(minutes_of(metrics) / 60, 2)}
-    beside = folder.with_name(f".{folder.name}")  # a cell is whole or not there
-    shutil.rmtree(beside, ignore_errors=True)
+    beside, old = (folder.with_name(f".{folder.name}.{name}") for name in ("new", "old"))
+    _settle(folder)
+    for leftover in (beside, old):
+        shutil.rmtree(leftover, ignore_errors=True)
     if known:
         shutil.copytree(folder, beside)
         seeds = {name: np.concatenate([known.seeds[name], x]) for name, x in seeds.items()}
@@ -94,12 +100,23 @@ def publish(
     _write(beside / CURVE, points)
     write(beside / CONFIG, config.to_yaml())
     write(beside / ABOUT, yaml.safe_dump(told, sort_keys=False, allow_unicode=True))
-    shutil.rmtree(folder, ignore_errors=True)
+    more(beside)
+    if folder.exists():
+        os.replace(folder, old)
     os.replace(beside, folder)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _settle(folder: Path) -> None:
+    """Bring a cell back of which a kill came between the old one's leaving and the new one."""
+    old = folder.with_name(f".{folder.name}.old")
+    if old.exists() and not folder.exists():
+        os.replace(old, folder)
 
 
 def read(folder: Path) -> Cell | None:
     """Return a published cell, or None where there is none."""
+    _settle(folder)
     if not (folder / ABOUT).is_file():
         return None
     return Cell(

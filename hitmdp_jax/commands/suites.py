@@ -85,8 +85,12 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
             "day": datetime.date.today().isoformat(),
             "with": made_with(run_dir),
         }
-        results.publish(run_dir, folder / cell, evaluated(run_dir, configs[cell]), about, known)
-        publish_more(run_dir, folder / cell, with_policy=cell.split("/")[1] in suite.policies)
+        scores, with_policy = (
+            evaluated(run_dir, configs[cell]),
+            cell.split("/")[1] in suite.policies,
+        )
+        more = functools.partial(publish_more, run_dir, with_policy=with_policy)
+        results.publish(run_dir, folder / cell, scores, about, known, more)
         tell(folder, Path(own["page"]))
         print(f"{cell}: published in {folder / cell}", flush=True)
     print(section(name, suite, folder, str(folder)))
@@ -118,7 +122,7 @@ def publish_more(run_dir: Path, folder: Path, with_policy: bool) -> None:
 
     Args:
       run_dir: the run's folder.
-      folder: the published cell's.
+      folder: the cell's.
       with_policy: whether to keep the policy.
     """
     cell = results.read(folder)

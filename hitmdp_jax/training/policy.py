@@ -21,6 +21,7 @@ from hitmdp_jax.learning.normalization import normalize
 from hitmdp_jax.training.checkpoint import Checkpoints, Progress, normalizer_of, policy_of
 from hitmdp_jax.training.claim import claim
 from hitmdp_jax.training.config import RunConfig, trust_named
+from hitmdp_jax.training.folder import LOCK
 from hitmdp_jax.training.program import TrainState
 from hitmdp_jax.training.sweep import PREFIX
 
@@ -228,6 +229,7 @@ def extract(
     checkpoints.close()
     if checkpoints.failure:
         raise UsageError(f"'{folder}' cannot be written: {checkpoints.failure}")
+    (Path(folder) / LOCK).unlink()  # nobody trains there
 
 
 def describe(agent: Agent) -> dict[str, Any]:

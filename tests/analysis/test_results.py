@@ -1,6 +1,9 @@
 """What is published of a run, against plain loops over its reports."""
 
 import csv
+import itertools
+import os
+import shutil
 
 import numpy as np
 import pytest
@@ -156,6 +159,54 @@ def test_what_is_published_is_read_back(cell):
     curve, expected = results.read_curve(folder, None), results.curve(config, metrics)
     for name, x in curve.items():
         np.testing.assert_allclose(x.T.ravel(), expected[name], rtol=1e-6)
+
+
+class KilledError(BaseException):
+    """Ends a publication at one of its steps, as a kill does."""
+
+
+def test_a_kill_at_any_step_of_a_publication_leaves_the_old_cell_or_the_new_one(cell, tmp_path):
+    folder, _, _ = cell
+
+    def publish():
+        known = results.read(folder)
+        seeds = {"evaluation": np.array([2.5, 3.5])}
+        assert known
+        of_new = {"day": "new"}, None, lambda beside: (beside / "more").write_text("more")
+        results.publish(tmp_path / "run", folder, seeds, *of_new)
+
+    seen, step = [], 0
+    while seen[-1:] != ["finished"]:
+        step += 1
+        steps = itertools.count(1)
+
+        def stepping(function, steps=steps, last=step):
+            def call(*args, **kwargs):
+                if next(steps) == last:
+                    raise KilledError
+                return function(*args, **kwargs)
+
+            return call
+
+        with pytest.MonkeyPatch.context() as patch:
+            for where, name in ((os, "replace"), (os, "fsync"), (shutil, "rmtree")):
+                patch.setattr(where, name, stepping(getattr(where, name)))
+            try:
+                publish()
+                seen.append("finished")
+            except KilledError:
+                there = results.read(folder)
+                assert there
+                day = there.about["day"]
+                assert there.seeds["evaluation"][0] == {"today": 1.5, "new": 2.5}[day]
+                assert (folder / "more").exists() == (day == "new")
+                seen.append(day)
+        if seen[-1] != "today":
+            publish_again = {"evaluation": np.array([1.5, np.nan])}, {"day": "today"}
+            results.publish(tmp_path / "run", folder, *publish_again)
+    assert seen[:-1] == sorted(seen[:-1], reverse=True)
+    assert {"today", "new"} <= set(seen)
+    assert [path.name for path in folder.parent.iterdir()] == ["mopg"]
 
 
 def test_seeds_that_follow_make_the_cell_that_all_at_once_would(tmp_path):
