@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from hitmdp_jax.analysis.figures import OPTION_COLORS, draw_seeds, label_curves, read_metrics
+from hitmdp_jax.analysis.colors import styles
+from hitmdp_jax.analysis.figures import draw_seeds, label_curves, read_metrics
 from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number, rounding
 
 FINAL_STEPS = 100_000  # environment steps whose episodes make up a final return
@@ -121,9 +122,9 @@ def comparison_figure(
     """
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.subplots()
-    for i, (algo, folder) in enumerate(run_dirs.items()):
-        color = OPTION_COLORS[i % len(OPTION_COLORS)]
-        draw_seeds(axes, read_metrics(folder), color, algo, switch_at)
+    looks = styles({algo: algo for algo in run_dirs})
+    for algo, folder in run_dirs.items():
+        draw_seeds(axes, read_metrics(folder), looks[algo], algo, switch_at)
     label_curves(axes, title, switch_at)
     axes.legend()
     return figure

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.image import AxesImage
 
-from hitmdp_jax.analysis.figures import option_color
+from hitmdp_jax.analysis.colors import option_color
 from hitmdp_jax.analysis.options import Activations
 
 SIGNED, AMOUNT = "PuOr", "cividis"  # colour maps that colour-blind eyes can read
@@ -56,14 +56,8 @@ def number_options(axes: Axes, num_options: int, which: str = "xy") -> None:
         getattr(axes, f"set_{axis}ticks")(range(num_options))
         labels = getattr(axes, f"get_{axis}ticklabels")()
         for k, label in enumerate(labels):
-            label.set_color(readable(option_color(k)))
+            label.set_color(option_color(k))
             label.set_fontweight("bold")
-
-
-def readable(color: str) -> Any:
-    """Return a colour dark enough for letters on white."""
-    rgb = np.array(to_rgb(color))
-    return tuple(rgb * min(1.0, 0.45 / max(luminance(color), 1e-6)))
 
 
 def lanes(axes: Axes, episode: Activations, num_options: int, steps: int | None = None) -> None:

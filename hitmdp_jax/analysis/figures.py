@@ -9,17 +9,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 
+from hitmdp_jax.analysis.colors import Style, color, option_color
 from hitmdp_jax.learning.options import mean_duration
 from hitmdp_jax.training.folder import FIGURES, METRICS, replaced, subfolder
 
 WINDOW = 20  # iterations a curve is smoothed over, as in the paper's figures
 THIN, FAINT = 0.7, 0.5  # width and opacity of a single seed's line
-# Paul Tol's "bright" palette, which colour-blind eyes tell apart.
-OPTION_COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bbbbbb")
 
 
 def read_metrics(run_dir: Path) -> dict[str, np.ndarray]:
@@ -80,15 +78,6 @@ def smooth(
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def option_color(k: int) -> str:
-    """Return the colour of option k in every figure: the palette's, then lighter, then darker."""
-    cycle, k = divmod(k, len(OPTION_COLORS))
-    color = np.array(to_rgb(OPTION_COLORS[k]))
-    halfway_to = (color, 1.0, 0.0)[cycle % 3]
-    red, green, blue = (color + halfway_to) / 2
-    return to_hex((red, green, blue))
-
-
 def plain_log(axis: Axis) -> None:
     """Label a logarithmic axis 1, 2, 5, 10, 20, ... instead of by powers of ten."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -99,7 +88,7 @@ def plain_log(axis: Axis) -> None:
 def draw_seeds(
     axes: Axes,
     metrics: dict[str, np.ndarray],
-    color: str,
+    style: Style,
     label: str | None = None,
     switch_at: int | None = None,
 ) -> None:
@@ -110,20 +99,21 @@ def draw_seeds(
     """
     steps = metrics["env_steps"][0]
     returns = smooth(metrics["episode_return"], steps, switch_at)
-    draw_mean(axes, steps, returns, color, label)
+    draw_mean(axes, steps, returns, style, label)
     if len(returns) > 1:
-        axes.plot(steps, returns.T, color=color, lw=THIN, alpha=FAINT)
+        axes.plot(steps, returns.T, **style.line, lw=THIN, alpha=FAINT)
 
 
 def draw_mean(
-    axes: Axes, steps: np.ndarray, returns: np.ndarray, color: str, label: str | None = None
+    axes: Axes, steps: np.ndarray, returns: np.ndarray, style: Style, label: str | None = None
 ) -> None:
     """Draw the mean and standard deviation of seeds' curves [S, n] where all of them are known."""
     known = ~np.isnan(returns).any(axis=0)
     mean, std = returns[:, known].mean(axis=0), returns[:, known].std(axis=0)
-    axes.plot(steps[known], mean, color=color, label=label)
+    axes.plot(steps[known], mean, **style.line, label=label)
     if len(returns) > 1:
-        axes.fill_between(steps[known], mean - std, mean + std, color=color, alpha=0.2, lw=0)
+        band = {"color": style.color, "alpha": 0.2, "lw": 0}
+        axes.fill_between(steps[known], mean - std, mean + std, **band)
 
 
 def label_steps(axes: Axes) -> None:
@@ -150,22 +140,24 @@ def mark_switch(axes: Axes, switch_at: int | None) -> None:
 
 
 def learning_curve(
-    metrics: dict[str, np.ndarray], title: str, switch_at: int | None = None
+    metrics: dict[str, np.ndarray], title: str, algorithm: str, switch_at: int | None = None
 ) -> Figure:
     """Plot the training return against environment steps.
 
     Args:
       metrics: as `read_metrics` gives them.
       title: the figure's title.
+      algorithm: whose colour the curves have, as settings name it.
       switch_at: environment steps after which a transfer's second task began; it is marked.
     """
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.subplots()
     num_seeds = len(metrics["env_steps"])
     label = f"mean and standard deviation of {num_seeds} seeds" if num_seeds > 1 else None
-    draw_seeds(axes, metrics, OPTION_COLORS[0], label, switch_at)
+    style = Style(color(algorithm))
+    draw_seeds(axes, metrics, style, label, switch_at)
     if label:
-        axes.plot([], [], color=OPTION_COLORS[0], lw=THIN, alpha=FAINT, label="each seed")
+        axes.plot([], [], **style.line, lw=THIN, alpha=FAINT, label="each seed")
         axes.legend(framealpha=1.0)
     label_curves(axes, title, switch_at)
     return figure
@@ -206,8 +198,8 @@ def option_durations(
     steps = metrics["env_steps"][0]
     shares, durations = option_curves(metrics, switch_at)
     colors = [option_color(k) for k in range(len(shares))]
-    for k, color in enumerate(colors):
-        duration_axes.plot(steps, durations[k], color=color, label=f"option {k}")
+    for k, duration in enumerate(durations):
+        duration_axes.plot(steps, duration, color=colors[k], label=f"option {k}")
     usage_axes.stackplot(steps, shares, colors=colors)
     duration_axes.set(ylabel="mean duration (steps)", yscale="log", title=title)
     duration_axes.grid(alpha=0.3)
@@ -235,13 +227,18 @@ def save(figure: Figure, path: Path, dpi: int = 150) -> None:
 
 
 def draw_figures(
-    run_dir: Path, title: str, switch_at: int | None = None, setting: int | None = None
+    run_dir: Path,
+    title: str,
+    algorithm: str,
+    switch_at: int | None = None,
+    setting: int | None = None,
 ) -> list[Path]:
     """Draw every figure the run's metrics allow into its `figures/`; return their paths.
 
     Args:
       run_dir: the run's folder.
       title: the figures' title.
+      algorithm: whose colour its curves have, as settings name it.
       switch_at: environment steps after which a transfer's second task began; it is marked.
       setting: the setting of a sweep that is drawn.
     """
@@ -251,7 +248,7 @@ def draw_figures(
         metrics = {name: x[chosen] for name, x in metrics.items()}
     figures = {}
     if "episode_return" in metrics and np.isfinite(metrics["episode_return"]).any():
-        figures["learning_curve"] = learning_curve(metrics, title, switch_at)
+        figures["learning_curve"] = learning_curve(metrics, title, algorithm, switch_at)
     if "option_steps_0" in metrics:
         figures["option_durations"] = option_durations(metrics, title, switch_at)
     folder = subfolder(run_dir, FIGURES)

@@ -5,8 +5,8 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from hitmdp_jax.analysis.causal import effects
-from hitmdp_jax.analysis.drawing import annotate, heat_map, number_options, readable
-from hitmdp_jax.analysis.figures import option_color
+from hitmdp_jax.analysis.colors import option_color
+from hitmdp_jax.analysis.drawing import annotate, heat_map, number_options
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.analysis.states import by_option
 from hitmdp_jax.errors import UsageError
@@ -98,7 +98,7 @@ def clusters_figure(insight: Insight) -> Figure:
         if share >= LABELLED and (option == k).any():
             centre = np.median(projection.points[option == k], axis=0)
             axes.text(
-                centre[0], centre[1], f"{k}", color=readable(option_color(k)), fontweight="bold",
+                centre[0], centre[1], f"{k}", color=option_color(k), fontweight="bold",
                 ha="center", va="center", fontsize="x-large",
                 path_effects=[withStroke(linewidth=3, foreground="white")],
             )  # fmt: skip

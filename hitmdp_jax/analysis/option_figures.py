@@ -12,11 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from hitmdp_jax.analysis.colors import option_color
 from hitmdp_jax.analysis.drawing import UNKNOWN, lanes, lowest, small_multiples
 from hitmdp_jax.analysis.figures import (
     label_steps,
     mark_switch,
-    option_color,
     option_curves,
     option_durations,
     plain_log,

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from hitmdp_jax.analysis.causal import Effects, Interventions
 from hitmdp_jax.analysis.clusters import Projection
-from hitmdp_jax.analysis.figures import OPTION_COLORS, WINDOW, option_color, option_curves, smooth
+from hitmdp_jax.analysis.colors import Style, option_color
+from hitmdp_jax.analysis.figures import WINDOW, option_curves, smooth
 
 POINTS = 400  # of a curve, and episodes' steps are shown whole
 SCATTERED = 1500  # states of a scatter plot
@@ -35,6 +36,7 @@ def learning_curves(
     runs: Mapping[str, Mapping[str, np.ndarray]],
     column: str,
     title: str,
+    looks: Mapping[str, Style],
     switches: Mapping[str, int | None],
     window: int = WINDOW,
 ) -> go.Figure:
@@ -44,12 +46,13 @@ def learning_curves(
       runs: name -> metrics as `read_metrics` gives them.
       column: which metric.
       title: what the vertical axis shows.
+      looks: name -> how its lines look.
       switches: name -> environment steps after which a transfer's second task began, or None.
       window: points over which a curve is smoothed.
     """
     shown = figure(420, xaxis_title="environment steps", yaxis_title=title)
-    for i, (name, metrics) in enumerate(runs.items()):
-        color = OPTION_COLORS[i % len(OPTION_COLORS)]
+    for name, metrics in runs.items():
+        line = looks[name].plotly
         chosen = np.unique(np.linspace(0, metrics["env_steps"].shape[1] - 1, POINTS).astype(int))
         steps, values = metrics["env_steps"][0, chosen], metrics[column]
         values = smooth(values, metrics["env_steps"][0], switches[name], window)[:, chosen]
@@ -58,15 +61,15 @@ def learning_curves(
                 x=steps,
                 y=curve.astype(np.float32),
                 name=f"{name}, seed {seed}",
-                line={"color": color, "width": 1},
+                line=line | {"width": 1},
                 opacity=0.5 if len(values) > 1 else 1.0,
                 showlegend=False,
             )
         if len(values) > 1:
             known = ~np.isnan(values).any(axis=0)
             mean = values[:, known].mean(axis=0).astype(np.float32)
-            line = {"color": color, "width": 3}
-            shown.add_scatter(x=steps[known], y=mean, name=f"{name}, mean", line=line)
+            thick = line | {"width": 3}
+            shown.add_scatter(x=steps[known], y=mean, name=f"{name}, mean", line=thick)
     for switch_at in set(switches.values()):
         mark_switch(shown, switch_at)
     return shown
@@ -214,21 +217,23 @@ def clusters(projection: Projection, option: ArrayLike) -> go.Figure:
 
 
 def intervals(
-    names: Sequence[str], scores: Sequence[np.ndarray], middles: ArrayLike, ends: ArrayLike
+    looks: Mapping[str, Style],
+    scores: Sequence[np.ndarray],
+    middles: ArrayLike,
+    ends: ArrayLike,
 ) -> go.Figure:
     """Draw each run's interquartile mean with its interval, and a point for every seed.
 
     Args:
-      names: of the runs.
+      looks: name of a run -> how its points look.
       scores: the seeds' returns of each, [S].
       middles: the interquartile means [R].
       ends: their intervals [R, 2]; NaN where unknown.
     """
-    shown = figure(110 + 40 * len(names), xaxis_title="return", showlegend=False)
-    for i, (name, x) in enumerate(zip(names, scores, strict=True)):
-        color = OPTION_COLORS[i % len(OPTION_COLORS)]
+    shown = figure(110 + 40 * len(looks), xaxis_title="return", showlegend=False)
+    for i, ((name, style), x) in enumerate(zip(looks.items(), scores, strict=True)):
         middle, (low, high) = np.asarray(middles)[i], np.asarray(ends)[i]
-        marker = {"symbol": "line-ns-open", "color": color, "size": 10}
+        marker = {"symbol": "line-ns-open", "color": style.color, "size": 10}
         shown.add_scatter(x=x, y=[name] * len(x), mode="markers", marker=marker, name=name)
         error = {"type": "data", "symmetric": False}
         error |= {"array": [np.nan_to_num(high - middle)]}
@@ -238,18 +243,18 @@ def intervals(
             y=[name],
             error_x=error,
             mode="markers",
-            marker={"color": color, "size": 11},
+            marker={"symbol": style.symbol, "color": style.color, "size": 11},
             name=f"{name}: interquartile mean",
         )
     shown.update_yaxes(autorange="reversed", automargin=True)
     return shown
 
 
-def profiles(names: Sequence[str], scores: Sequence[np.ndarray]) -> go.Figure:
+def profiles(looks: Mapping[str, Style], scores: Sequence[np.ndarray]) -> go.Figure:
     """Draw the share of seeds above each return: performance profiles (Agarwal et al. 2021)."""
     shown = figure(360, xaxis_title="return", yaxis_title="share of seeds above")
-    for i, (name, x) in enumerate(zip(names, scores, strict=True)):
+    for (name, style), x in zip(looks.items(), scores, strict=True):
         x = np.sort(x[np.isfinite(x)])
-        line = {"color": OPTION_COLORS[i % len(OPTION_COLORS)], "shape": "vh"}
+        line = style.plotly | {"shape": "vh"}
         shown.add_scatter(x=x, y=1 - np.arange(len(x)) / max(len(x), 1), name=name, line=line)
     return shown

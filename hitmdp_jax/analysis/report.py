@@ -17,8 +17,9 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from hitmdp_jax.analysis import ablation, causal, plots
+from hitmdp_jax.analysis.colors import shades, styles
 from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
-from hitmdp_jax.analysis.figures import option_color, read_metrics
+from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.analysis.perturbation import sentences, strongest
 from hitmdp_jax.analysis.states import by_option, cosine_similarities
@@ -224,7 +225,9 @@ class RunReport:
                 for result in best[:SETTINGS]
             }
         switches = dict.fromkeys(runs, config.switch_at)
-        yield chart(plots.learning_curves(runs, "episode_return", "episode return", switches))
+        looks = styles({name: config.algo["name"] for name in runs})
+        how = "episode_return", "episode return", looks, switches
+        yield chart(plots.learning_curves(runs, *how))
         yield text("Thin lines are seeds, over the last 20 iterations each; the policy samples.")
 
     def options_in_training(self) -> Parts:
@@ -331,7 +334,7 @@ def explorer(known: Insight) -> Markup:
         "moved": moved.astype(float).round(digits).tolist(),
         "order": strongest(np.abs(found.slopes).max(axis=0)).tolist(),
         "actuators": as_text(known.names.actuators),
-        "colors": [option_color(k) for k in range(len(known.names.actuators))],
+        "colors": shades(len(known.names.actuators)),
         "first": int(known.by_usage[0]),
     }
     return Markup(templates.get_template("explorer.html").render(data=data, options=options(K)))
@@ -351,10 +354,12 @@ def compare(runs: Mapping[str, tuple[Path, RunConfig]], commands: Mapping[str, s
         raise UsageError(f"The run {empty[0]} has no finished iteration.")
     scores = {name: final_returns(metrics[name], configs[name].switch_at or 0) for name in metrics}
 
+    looks = styles({name: config.algo["name"] for name, config in configs.items()})
+
     def returns() -> Parts:
         middles = [interquartile_mean(x) for x in scores.values()]
         ends = [bootstrap_interval(interquartile_mean, x) for x in scores.values()]
-        yield chart(plots.intervals(list(scores), list(scores.values()), middles, ends))
+        yield chart(plots.intervals(looks, list(scores.values()), middles, ends))
         arms = ablation.measure(
             {name: folder for name, (folder, _) in runs.items()}, next(iter(runs))
         )
@@ -363,10 +368,11 @@ def compare(runs: Mapping[str, tuple[Path, RunConfig]], commands: Mapping[str, s
 
     def curves() -> Parts:
         switches = {name: config.switch_at for name, config in configs.items()}
-        yield chart(plots.learning_curves(metrics, "episode_return", "episode return", switches))
+        how = "episode_return", "episode return", looks, switches
+        yield chart(plots.learning_curves(metrics, *how))
 
     def seeds() -> Parts:
-        yield chart(plots.profiles(list(scores), list(scores.values())))
+        yield chart(plots.profiles(looks, list(scores.values())))
 
     def made_by() -> Parts:
         yield preformatted("\n".join(commands.values()))

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from hitmdp_jax.analysis import plots
+from hitmdp_jax.analysis.colors import styles
 from hitmdp_jax.analysis.report import Parts, chart, page, preformatted, text
 from hitmdp_jax.analysis.results import Cell, read, read_curve
 from hitmdp_jax.analysis.results_page import Suite
@@ -33,11 +34,13 @@ def curves_page(suites: Mapping[str, Suite], results: Path) -> str:
 def _task(cells: Mapping[str, Cell], folder: Path) -> Parts:
     switches = {name: cell.config.switch_at for name, cell in cells.items()}
     curves = {name: read_curve(folder / name, switches[name]) for name in cells}
-    yield chart(plots.learning_curves(curves, "episode_return", "return", switches, window=1))
+    looks = styles({name: cell.config.algo["name"] for name, cell in cells.items()})
+    how = "episode_return", "return", looks, switches
+    yield chart(plots.learning_curves(curves, *how, window=1))
     returns = {name: cell.seeds["last_100k_steps"] for name, cell in cells.items()}
     middles = [interquartile_mean(x) for x in returns.values()]
     ends = [bootstrap_interval(interquartile_mean, x) for x in returns.values()]
-    yield chart(plots.intervals(list(returns), list(returns.values()), middles, ends))
+    yield chart(plots.intervals(looks, list(returns.values()), middles, ends))
     yield text("Above: the last 100k steps of every seed, and the interquartile mean.")
-    yield chart(plots.profiles(list(returns), list(returns.values())))
+    yield chart(plots.profiles(looks, list(returns.values())))
     yield preformatted("\n".join(cell.about["command"] for cell in cells.values()))

@@ -4,7 +4,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from hitmdp_jax.analysis.figures import draw_mean, label_steps, option_color, smooth
+from hitmdp_jax.analysis.colors import styles
+from hitmdp_jax.analysis.figures import draw_mean, label_steps, smooth
 from hitmdp_jax.analysis.results import read_curve
 from hitmdp_jax.analysis.results_page import Suite
 
@@ -33,7 +34,10 @@ def figure(suite: Suite, results: Path) -> Figure | None:
     rows = -(-len(published) // columns)
     drawn = Figure(figsize=(WIDTH * columns, HEIGHT * rows + 0.8), layout="constrained")
     panels = drawn.subplots(rows, columns, squeeze=False).ravel()
-    arms = list(suite.arms)
+    algorithms = {
+        arm: cell.config.algo["name"] for cells in published.values() for arm, cell in cells.items()
+    }
+    looks = styles({arm: algorithms[arm] for arm in suite.arms if arm in algorithms})
     lines = {}  # arm -> its line in the legend
     for axes, (task, cells) in zip(panels, published.items(), strict=False):
         for arm, cell in cells.items():
@@ -41,7 +45,7 @@ def figure(suite: Suite, results: Path) -> Figure | None:
             curves = read_curve(results / task / arm, switch_at)
             steps = curves["env_steps"][0]
             returns = smooth(curves["episode_return"], steps, switch_at, WINDOW)
-            draw_mean(axes, steps, returns, option_color(arms.index(arm)), arm)
+            draw_mean(axes, steps, returns, looks[arm], arm)
         handles, names = axes.get_legend_handles_labels()
         lines |= zip(names, handles, strict=True)
         for switch_at in {cell.config.switch_at for cell in cells.values()} - {None}:

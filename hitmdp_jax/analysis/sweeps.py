@@ -4,13 +4,15 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from hitmdp_jax.analysis import tables
+from hitmdp_jax.analysis.colors import color
 from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
-from hitmdp_jax.analysis.figures import FAINT, OPTION_COLORS, draw_figures, read_metrics, save
+from hitmdp_jax.analysis.figures import FAINT, draw_figures, read_metrics, save
 from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number, rounding
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import FIGURES, SWEEP
@@ -56,8 +58,10 @@ def draw_sweep(run_dir: Path, config: RunConfig) -> list[list[str]]:
     results = rank(read_metrics(run_dir), config)
     rows, best = table(results), results[0]
     tables.save(rows, run_dir, SWEEP)
-    draw_figures(run_dir, f"{config.title}, {label(best.swept)}", config.switch_at, best.setting)
-    save(sweep_figure(results, config.title), run_dir / FIGURES / f"{SWEEP}.png")
+    title, algorithm = f"{config.title}, {label(best.swept)}", config.algo["name"]
+    draw_figures(run_dir, title, algorithm, config.switch_at, best.setting)
+    drawn = sweep_figure(results, config.title, algorithm)
+    save(drawn, run_dir / FIGURES / f"{SWEEP}.png")
     return rows
 
 
@@ -83,23 +87,22 @@ def table(results: Sequence[SettingResult]) -> list[list[str]]:
     return rows
 
 
-def sweep_figure(results: Sequence[SettingResult], title: str) -> Figure:
+def sweep_figure(results: Sequence[SettingResult], title: str, algorithm: str) -> Figure:
     """Plot each setting's final returns: every seed a dot, the IQM with its interval, best on top.
 
     Args:
       results: as `rank` gives them.
       title: the figure's title.
+      algorithm: whose colour it has, as settings name it.
     """
     figure = Figure(figsize=(7, 1.5 + 0.3 * len(results)), layout="constrained")
     axes = figure.subplots()
+    look: Any = {"color": color(algorithm)}
     for place, result in enumerate(results):
-        color = OPTION_COLORS[0]
-        axes.plot(
-            result.final_returns, [place] * len(result.final_returns), "o", ms=4, color=color,
-            alpha=FAINT, mew=0,
-        )  # fmt: skip
-        axes.plot([result.low, result.high], [place, place], color=color, lw=2)
-        axes.plot([result.iqm], [place], "|", ms=12, mew=2, color=color)
+        every = [place] * len(result.final_returns)
+        axes.plot(result.final_returns, every, "o", ms=4, alpha=FAINT, mew=0, **look)
+        axes.plot([result.low, result.high], [place, place], lw=2, **look)
+        axes.plot([result.iqm], [place], "|", ms=12, mew=2, **look)
     axes.set_yticks(range(len(results)), [label(result.swept) for result in results])
     axes.invert_yaxis()
     axes.set(xlabel=f"return of the last {FINAL_STEPS:,} steps: IQM, 95% interval, each seed")

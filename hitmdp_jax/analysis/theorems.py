@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from hitmdp_jax.analysis.figures import OPTION_COLORS
+from hitmdp_jax.analysis.colors import shades
 from hitmdp_jax.theory.hit_mdp import hit_mdp, occupancy
 from hitmdp_jax.theory.model import OptionModel, sample_option_model
 from hitmdp_jax.theory.values import distances_to_fixed_point
@@ -104,8 +104,8 @@ def contraction_figure(distances: np.ndarray, gammas: Sequence[float] = GAMMAS) 
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.subplots()
     n, floor = np.arange(distances.shape[-1]), 1e-10  # rounding errors stay out of sight
-    for i, (gamma, curves) in enumerate(zip(gammas, distances, strict=True)):
-        color, bound = OPTION_COLORS[i % len(OPTION_COLORS)], gamma**n
+    for gamma, color, curves in zip(gammas, shades(len(gammas)), distances, strict=True):
+        bound = gamma**n
         axes.fill_between(n, curves.min(0), curves.max(0), color=color, alpha=0.25, lw=0)
         axes.plot(n, np.median(curves, axis=0), color=color)
         axes.plot(n, bound, color=color, ls="--")
@@ -155,7 +155,7 @@ def variance_figure(
     median = np.median(ratio, axis=1)
     ratios.fill_between(terminations, ratio.min(1), ratio.max(1), color="#bbbbbb", alpha=0.5, lw=0)
     ratios.plot(terminations, median, color="black", label="median and range of states")
-    for termination, color, marker in zip(SCATTERED, OPTION_COLORS, "o^s", strict=False):
+    for termination, color, marker in zip(SCATTERED, shades(len(SCATTERED)), "o^s", strict=True):
         i = terminations.index(termination)
         style = {"color": color, "marker": marker, "lw": 0}
         label = rf"$\beta = {termination:g}$"

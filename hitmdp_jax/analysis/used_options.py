@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from hitmdp_jax.analysis.figures import option_color
+from hitmdp_jax.analysis.colors import shades
 from hitmdp_jax.analysis.results import Columns
 from hitmdp_jax.training.sweep import PREFIX
 
@@ -28,10 +28,10 @@ def figure(seeds: Columns, name: str, num_options: int) -> Figure:
     drawn = Figure(figsize=(6, 3.5), layout="constrained")
     axes = drawn.subplots()
     width = 0.8 / num_options
-    for k in range(num_options):
+    for k, color in enumerate(shades(num_options)):
         places = np.arange(len(values)) + (k - (num_options - 1) / 2) * width
         label = f"{k + 1} option{'s' if k else ''}"
-        bars = axes.bar(places, found[:, k], width, color=option_color(k), label=label)
+        bars = axes.bar(places, found[:, k], width, color=color, label=label)
         axes.bar_label(bars, fontsize=8)
     axes.set_xticks(range(len(values)), [f"{value:g}" for value in values])
     axes.set(xlabel=name.removeprefix(PREFIX), ylabel="seeds")

@@ -17,8 +17,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw, ImageFont
 
+from hitmdp_jax.analysis.colors import option_color
 from hitmdp_jax.analysis.drawing import ink
-from hitmdp_jax.analysis.figures import option_color
 from hitmdp_jax.analysis.rendering import SIZE, Painter, forward_velocity
 from hitmdp_jax.analysis.trajectories import Trajectories
 from hitmdp_jax.envs.base import MujocoEnv

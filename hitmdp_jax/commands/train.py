@@ -183,7 +183,7 @@ def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
         if config.sweep:
             tables.show(draw_sweep(run_dir, config)[: 1 + SHOWN])
         else:
-            draw_figures(run_dir, config.title, config.switch_at)
+            draw_figures(run_dir, config.title, config.algo["name"], config.switch_at)
     except OSError as error:
         print(f"warning: the figures could not be written: {error.strerror}", file=sys.stderr)
     for training, (iteration, cause) in outcome.diverged.items():

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from hitmdp_jax.analysis import plots
+from hitmdp_jax.analysis.colors import styles
 from hitmdp_jax.analysis.comparison import comparison_figure
 from hitmdp_jax.analysis.figures import (
     draw_figures,
     learning_curve,
-    option_color,
     option_durations,
     read_metrics,
     smooth,
@@ -44,14 +44,14 @@ def test_a_killed_run_is_read_up_to_its_last_whole_iteration(tmp_path):
     for torn in (b"31", row, row[:-1], row + b"31,31", row + b"31,3100,1,1."):
         path.write_bytes(text + torn)
         assert read_metrics(tmp_path)["iteration"].shape == (2, 30)
-    assert draw_figures(tmp_path, "a run")
+    assert draw_figures(tmp_path, "a run", "mopg")
 
 
 @pytest.mark.parametrize("text", ["", "iteration,env_steps,seed", "iteration,env_steps,seed\r\n"])
 def test_a_run_without_rows_has_no_metrics_and_no_figures(tmp_path, text):
     (tmp_path / "metrics.csv").write_text(text)
     assert read_metrics(tmp_path) == {}
-    assert draw_figures(tmp_path, "a run") == []
+    assert draw_figures(tmp_path, "a run", "mopg") == []
 
 
 def test_rows_of_an_iteration_are_told_apart_by_more_than_their_seed(tmp_path):
@@ -98,7 +98,7 @@ def transfer():
 
 
 def curves_of_seeds():
-    (axes,) = learning_curve(transfer(), "a run", SWITCH).axes
+    (axes,) = learning_curve(transfer(), "a run", "mopg", SWITCH).axes
     return axes.lines[0].get_xydata()
 
 
@@ -112,7 +112,8 @@ def curves_of_the_comparison(tmp_path):
 
 
 def curves_of_the_page():
-    shown = plots.learning_curves({"a": transfer()}, "episode_return", "return", {"a": SWITCH})
+    how = "episode_return", "return", styles({"a": "mopg"}), {"a": SWITCH}
+    shown = plots.learning_curves({"a": transfer()}, *how)
     return np.stack([shown.data[0].x, shown.data[0].y], axis=1)
 
 
@@ -152,9 +153,9 @@ def test_no_curve_mixes_the_tasks_of_a_transfer(curves, tmp_path):
 
 def test_figures_follow_what_was_logged(tmp_path):
     write_run(tmp_path, options=False)
-    assert [p.name for p in draw_figures(tmp_path, "a run")] == ["learning_curve.png"]
+    assert [p.name for p in draw_figures(tmp_path, "a run", "mopg")] == ["learning_curve.png"]
     write_run(tmp_path)
-    paths = draw_figures(tmp_path, "a run")
+    paths = draw_figures(tmp_path, "a run", "mopg")
     assert [p.name for p in paths] == ["learning_curve.png", "option_durations.png"]
     assert all(p.stat().st_size > 10_000 for p in paths)
 
@@ -164,7 +165,7 @@ def test_every_seed_is_seen_also_one_that_was_lost():
     returns = np.stack([np.arange(n), 2.0 * np.arange(n), np.ones(n)])
     returns[2, 10:] = np.inf
     metrics = {"env_steps": np.tile(np.arange(n), (3, 1)), "episode_return": returns}
-    (axes,) = learning_curve(metrics, "a run").axes
+    (axes,) = learning_curve(metrics, "a run", "ppo").axes
     mean, *seeds = axes.lines[:4]
     assert [np.isfinite(seed.get_ydata()).sum() for seed in seeds] == [60, 60, 29]
     assert len(mean.get_ydata()) == 29  # no mean of the survivors
@@ -188,8 +189,3 @@ def test_durations_are_labelled_in_plain_numbers(durations):
     assert len(ticks) >= 2
     assert all(float(tick.get_text()) and "$" not in tick.get_text() for tick in ticks)
     assert not any(tick.get_text() for tick in axis.get_ticklabels(minor=True))
-
-
-def test_options_are_told_apart_by_colour():
-    assert len({option_color(k) for k in range(21)}) == 21
-    assert option_color(0) == "#4477aa"

@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 
 from hitmdp_jax.agents import DAC, MOPG, PPO
 from hitmdp_jax.analysis import embedding_figures, insight_figures, option_figures
-from hitmdp_jax.analysis.figures import option_color
+from hitmdp_jax.analysis.colors import option_color
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.normalization import initial_statistics

@@ -33,7 +33,7 @@ def test_the_table_and_the_figure_show_every_setting():
     assert rows[0][:2] == ["1", "0.95"]
     assert rows[0][-1] == "5.0 7.0"
     assert rows[2][-1] == "9.0 -"
-    (axes,) = sweep_figure(results, "a sweep").axes
+    (axes,) = sweep_figure(results, "a sweep", "mopg").axes
     assert axes.get_yticklabels()[0].get_text() == "gamma=0.95"
     np.testing.assert_array_equal(axes.lines[0].get_xdata(), [5.0, 7.0])
 

@@ -7,7 +7,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from hitmdp_jax.analysis import video
-from hitmdp_jax.analysis.figures import option_color
+from hitmdp_jax.analysis.colors import option_color
 from hitmdp_jax.analysis.trajectories import Trajectories
 from hitmdp_jax.analysis.video import (
     BORDER,

@@ -1,0 +1,94 @@
+"""Colours belong to names: an option and an algorithm look the same in every figure and page.
+
+All have a contrast of at least 3 on white, and those of the palette are also told apart by eyes
+that lack the red or the green cones.
+"""
+
+import itertools
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex, to_rgb
+
+PALETTE = (
+    "#4477aa", "#ee6677", "#20733d", "#a88600", "#7a1a70", "#1d9ba6", "#8f1200", "#454545",
+)  # fmt: skip
+ALGORITHMS: dict[str, str] = dict(
+    zip(("mopg", "ppo", "dac", "ahp", "iopg", "ppoc", "oc"), PALETTE, strict=False)
+)
+OWN = PALETTE[-1]  # of an algorithm that does not come with the package
+# Ends of arms' names that always look the same; other arms take what is left.
+VARIANTS = ("-one", "-held", "-printed")
+DASHES = ((4.0, 1.5), (1.0, 1.5), (4.0, 1.5, 1.0, 1.5), (8.0, 2.0), (8.0, 2.0, 1.0, 2.0))
+SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x")
+
+
+def option_color(k: int) -> str:
+    """Return the colour of option k: the palette's, then mixtures of two of them, then darker."""
+    cycle, k = divmod(k, len(PALETTE))
+    darker, apart = divmod(cycle, 4)  # four apart, both neighbours would give the same mixture
+    pair = np.array([to_rgb(PALETTE[k]), to_rgb(PALETTE[(k + apart) % len(PALETTE)])])
+    red, green, blue = pair.mean(axis=0) * 0.75**darker
+    return to_hex((red, green, blue))
+
+
+def shades(number: int) -> list[str]:
+    """Return the colours of so many things in order that are neither options nor algorithms."""
+    return [to_hex(color) for color in colormaps["plasma"](np.linspace(0.0, 0.6, number))]
+
+
+class Style(NamedTuple):
+    """How an arm is drawn: in its algorithm's colour, and unlike the algorithm's other arms."""
+
+    color: str
+    place: int = 0  # among the algorithm's arms; 0 is a solid line
+
+    @property
+    def dash(self) -> tuple[float, ...]:
+        """The lengths of dashes and gaps, in widths of the line; none where it is solid."""
+        if not self.place:
+            return ()
+        longer, i = divmod(self.place - 1, len(DASHES))
+        return tuple(length * (1 + longer) for length in DASHES[i])
+
+    @property
+    def line(self) -> dict[str, Any]:
+        """What Matplotlib draws a line by."""
+        return {"color": self.color, "ls": (0, self.dash) if self.dash else "-"}
+
+    @property
+    def plotly(self) -> dict[str, Any]:
+        """What Plotly draws a line by."""
+        dash = ",".join(f"{3 * length:g}px" for length in self.dash)
+        return {"color": self.color, "dash": dash or "solid"}
+
+    @property
+    def symbol(self) -> str:
+        """What Plotly draws a point by."""
+        return SYMBOLS[self.place % len(SYMBOLS)]
+
+
+def styles(arms: Mapping[str, str]) -> dict[str, Style]:
+    """Return how the arms of a picture are drawn, no two alike.
+
+    Args:
+      arms: name -> algorithm, as settings name it.
+    """
+    found: dict[str, Style] = {}
+    of_its_own = {
+        f"{algorithm}{variant}": place
+        for algorithm in arms.values()
+        for place, variant in enumerate(("", *VARIANTS))
+    }
+    for arm in sorted(arms, key=lambda arm: arm not in of_its_own):
+        places = itertools.chain([of_its_own.get(arm, 0)], itertools.count())
+        all_of_them = (Style(color(arms[arm]), place) for place in places)
+        found[arm] = next(style for style in all_of_them if style not in found.values())
+    return {arm: found[arm] for arm in arms}
+
+
+def color(algorithm: str) -> str:
+    """Return an algorithm's colour, by its name in settings."""
+    return ALGORITHMS.get(algorithm, OWN)
