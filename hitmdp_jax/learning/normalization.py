@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from brax.training.acme import running_statistics
 from brax.training.acme.running_statistics import NestedMeanStd, RunningStatisticsState
+from jax.typing import ArrayLike
 
 OBSERVATION_CLIP = 10.0  # normalised observations lie within +-10 standard deviations
 MIN_STD = 1e-4
@@ -23,9 +24,16 @@ def update_statistics(statistics: RunningStatisticsState, obs: jax.Array) -> Run
     Stable-Baselines3's VecNormalize. Brax's own floor of 1e-6 is below the rounding of a mean of
     order 1 and made +-1.9 of observations that never change.
     """
-    return running_statistics.update(statistics, obs, std_min_value=MIN_STD)
+    return running_statistics.update(statistics, _as_floats(obs), std_min_value=MIN_STD)
 
 
-def normalize(obs: jax.Array, statistics: NestedMeanStd) -> jax.Array:
-    """Return observations [..., O] in units of their running mean and standard deviation."""
-    return running_statistics.normalize(obs, statistics, max_abs_value=OBSERVATION_CLIP)
+def normalize(obs: ArrayLike, statistics: NestedMeanStd) -> jax.Array:
+    """Return observations [..., O] in units of their running mean and standard deviation.
+
+    Whole numbers and booleans are numbers like any other; Brax would hand them on as they are.
+    """
+    return running_statistics.normalize(_as_floats(obs), statistics, max_abs_value=OBSERVATION_CLIP)
+
+
+def _as_floats(obs: ArrayLike) -> jax.Array:
+    return jnp.asarray(obs, jnp.float32)

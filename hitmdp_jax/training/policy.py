@@ -63,7 +63,7 @@ class Policy(struct.PyTreeNode):
         size = self.normalizer.mean.shape[-1]
         if np.shape(obs)[-1:] != (size,):
             raise UsageError(f"obs has shape {np.shape(obs)}; its last axis must be {size} long.")
-        return normalize(jnp.asarray(obs, jnp.float32), self.normalizer)
+        return normalize(obs, self.normalizer)
 
 
 def load(

@@ -63,3 +63,15 @@ def test_outliers_are_clipped():
     statistics = NestedMeanStd(mean=np.zeros(2), std=np.array([1.0, 2.0]))
     obs = normal(np.array([1e3, -4.0]), statistics)
     np.testing.assert_allclose(obs, [OBSERVATION_CLIP, -2.0])
+
+
+@pytest.mark.parametrize("dtype", ["bool", "int8", "uint8", "int32", "uint32", "float16"])
+def test_numbers_of_every_type_are_normalised_alike(dtype):
+    obs = np.random.default_rng(0).integers(0, 5, (6, 50, 2)).astype(dtype)
+    statistics, floats = start(2), obs.astype(np.float32)
+    for part in obs:
+        statistics = update(statistics, part)
+    np.testing.assert_allclose(statistics.mean, floats.mean((0, 1)), rtol=1e-5)
+    np.testing.assert_allclose(statistics.std, floats.std((0, 1)), rtol=1e-4)
+    np.testing.assert_array_equal(normal(obs, statistics), normal(floats, statistics))
+    assert np.abs(normal(obs, statistics).mean((0, 1))).max() < 1e-3

@@ -6,8 +6,10 @@ import yaml
 
 import hitmdp_jax
 from hitmdp_jax.agents import MOPG, PPO
+from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training.policy import extract, load_all
+from hitmdp_jax.learning.rollout import RolloutState, collect
+from hitmdp_jax.training.policy import Policy, extract, load_all
 from tests.probes import Target
 
 SIZES = {"num_steps": 128, "num_envs": 8, "rollout_length": 16}
@@ -67,6 +69,33 @@ def test_a_policy_is_a_pytree_that_jits_and_vmaps(saved):
         policy = hitmdp_jax.load(saved, seed)
         alone, _ = jax.jit(lambda p, k: p.act(obs, p.initial_memory(k), k, True))(policy, key)
         np.testing.assert_allclose(together[seed], alone, rtol=1e-5)
+
+
+class Whole(Target):
+    """`Target` whose observation is a whole number."""
+
+    def reset(self, rng):
+        state = super().reset(rng)
+        return state.replace(obs=jnp.round(5 * state.obs).astype(jnp.int8))
+
+
+def test_what_a_policy_learned_from_is_what_it_acts_on(states):
+    """A rollout and a trained policy see the same numbers for the same observations."""
+    one = jax.tree.map(lambda x: x[0], states)
+    env = VectorEnv(Whole(), 8, pool_size=4)
+
+    def run(key):
+        memory = AGENT.initial_memory(key, (8,))
+        start = RolloutState(env.reset(key), memory)
+        args = AGENT, one.learner.params, one.normalizer, env, start, key, 2
+        _, batch, _, obs = collect(*args)
+        policy = Policy(AGENT, one.learner.params, one.normalizer)
+        return batch.obs, policy.normalized(obs), obs
+
+    learned_from, acted_on, obs = jax.jit(run)(jax.random.key(3))
+    assert obs.dtype == jnp.int8
+    np.testing.assert_array_equal(learned_from, acted_on)
+    assert len(np.unique(learned_from)) > 2
 
 
 def test_observations_of_another_size_are_explained(saved):
