@@ -5,6 +5,7 @@ folder may be a stranger's. A file is run only once it is trusted: a command lin
 named it, now or before, or whoever calls says so.
 """
 
+import ast
 import contextlib
 import functools
 import importlib.util
@@ -16,6 +17,8 @@ from types import ModuleType
 from typing import Any
 
 from hitmdp_jax.errors import UsageError, unknown_name
+
+MOST_CLASSES = 5  # that a sentence names
 
 
 def is_own(name: str) -> bool:
@@ -72,6 +75,26 @@ def own_files() -> Path:
     return Path(state).expanduser() / "hitmdp_jax" / "own_files"
 
 
+def require_class(name: str) -> None:
+    """Check that a name which is a Python file's also says which class of it; runs nothing.
+
+    Raises:
+      UsageError: it does not; names the file's classes.
+    """
+    path, _, class_name = name.rpartition(":") if is_own(name) else (name, "", "")
+    if class_name or not path.endswith(".py"):
+        return
+    file = _file(f"{path}:")
+    if not file.is_file():
+        raise UsageError(f"'{name}' names no file: there is no '{path}' here.")
+    classes = []
+    with contextlib.suppress(SyntaxError, ValueError):  # its author sees them when it is run
+        statements = ast.parse(file.read_bytes()).body
+        classes = [f"{path}:{x.name}" for x in statements if isinstance(x, ast.ClassDef)]
+    forms = " or ".join(classes[:MOST_CLASSES]) or f"{path}:Class"
+    raise UsageError(f"'{name}' does not say which class of the file is meant: write {forms}.")
+
+
 def load_class(name: str) -> type[Any]:
     """Return the class that `path/to/file.py:Class` names. Running the file is up to its author.
 
@@ -81,6 +104,7 @@ def load_class(name: str) -> type[Any]:
       UsageError: there is no such file, nobody here trusts it, it has no such class, or the class
         is abstract.
     """
+    require_class(name)
     path, _, class_name = name.rpartition(":")
     file = _file(name)
     if not file.is_file():

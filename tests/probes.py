@@ -2,9 +2,12 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from brax.envs.base import Env, State
 from flax import struct
 
+import hitmdp_jax
+from hitmdp_jax.envs.toy.turkey import Turkey
 from hitmdp_jax.training.sweep import Training
 
 # A run that compiles quickly. Wherever another one is not the point it is this one, so that its
@@ -89,3 +92,12 @@ class PlaygroundTarget:
 def trainings(count=2, first=0):
     """Return the trainings of a run that sweeps nothing."""
     return [Training(first + i, 0, {}) for i in range(count)]
+
+
+def untrained(agent, seeds, env=None):
+    """Return zeros in the shape of a training state [S, ...], which needs no compiling."""
+    init, _ = hitmdp_jax.make_train(agent, env or Turkey(), num_steps=2048)
+    keys = jax.random.split(jax.random.key(0), seeds)
+    shapes = jax.eval_shape(jax.vmap(init), keys)
+    zeros = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), shapes.replace(key=()))
+    return zeros.replace(key=keys)

@@ -1,6 +1,13 @@
 import pytest
 
-from hitmdp_jax.errors import UsageError, exit_with, missing_extra, out_of_domain, unknown_name
+from hitmdp_jax.errors import (
+    UsageError,
+    exit_with,
+    missing_extra,
+    nearest,
+    out_of_domain,
+    unknown_name,
+)
 
 
 def test_a_command_ends_with_the_sentence_alone(capsys):
@@ -24,6 +31,43 @@ def test_a_command_ends_with_the_sentence_alone(capsys):
 )
 def test_an_unknown_name_comes_with_the_nearest_and_all_valid_ones(name, valid, sentence):
     assert str(unknown_name("task", name, valid)) == f"Unknown task '{name}'{sentence}"
+
+
+SETTINGS = [
+    "algo.learning_rate", "algo.similarity", "algo.name", "algo.gamma", "algo.entropy_weight",
+    "algo.hidden_sizes", "algo.clip_eps", "env.name", "num_envs", "rollout_length", "total_steps",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("algo.lr", "algo.learning_rate"),
+        ("lr", "algo.learning_rate"),
+        ("learning_rate", "algo.learning_rate"),
+        ("Algo.LearningRate", "algo.learning_rate"),
+        ("algo.ent_coef", "algo.entropy_weight"),
+        ("algo.clip_range", "algo.clip_eps"),
+        ("discount", "algo.gamma"),
+        ("n_steps", "rollout_length"),
+        ("n_envs", "num_envs"),
+        ("timesteps", "total_steps"),
+        ("algo.colour", None),  # to share a group is no likeness
+        ("algo.", None),
+        ("x", None),
+    ],
+)
+def test_the_nearest_name_is_one_that_could_be_meant(name, expected):
+    assert nearest(name, SETTINGS) == expected
+
+
+def test_of_many_names_the_nearest_are_shown_and_where_all_are_listed():
+    names = [f"task_{i}" for i in range(60)]
+    error = str(unknown_name("task", "tusk_42", names))
+    assert "did you mean 'task_42'? Valid: task_42, " in error
+    assert error.endswith(" and 48 more.")
+    error = str(unknown_name("task", "tusk_42", names, listed="list_envs()"))
+    assert error.endswith("did you mean 'task_42'? list_envs() lists all 60.")
 
 
 def test_a_value_outside_its_domain_is_named_with_what_is_valid():

@@ -29,6 +29,7 @@ def find_agent(name: str) -> type[Agent]:
       UsageError: there is no such algorithm, or the class is none.
     """
     if not plugins.is_own(name):
+        plugins.require_class(name)
         if name not in AGENTS:
             raise unknown_name("algo", name, AGENTS)
         return AGENTS[name]

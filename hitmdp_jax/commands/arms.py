@@ -37,6 +37,9 @@ def train_arms(arms: Mapping[str, Sequence[str]], folder: Path, trust: bool = Tr
     Raises:
       UsageError: a setting is wrong, a folder holds another run, or a run failed.
     """
+    for arm in arms:
+        if not is_folder_name(arm):
+            raise UsageError(f"An arm named {arm!r} cannot be a folder's name: no / and no dots.")
     configs = configs_of(arms, trust)
     run_dirs = {arm: folder / arm for arm in arms}
     known = {arm: already_there(run_dirs[arm], configs[arm]) for arm in arms}
@@ -58,6 +61,16 @@ def train_arms(arms: Mapping[str, Sequence[str]], folder: Path, trust: bool = Tr
     return 0
 
 
+def is_folder_name(name: str) -> bool:
+    """Return whether a name is that of a folder inside another one, and of nothing else."""
+    return name.isprintable() and name == Path(name).name and name not in ("", "..")
+
+
+def last_of_each(settings: Sequence[str]) -> list[str]:
+    """Return settings without those that a later one of the same name replaces."""
+    return list({text.split("=", 1)[0]: text for text in settings}.values())
+
+
 def train(settings: Sequence[str]) -> int:
     """Run a training in a process of its own and wait for it; return its exit code.
 
@@ -76,8 +89,19 @@ def train(settings: Sequence[str]) -> int:
 
 
 def named(arguments: Sequence[str]) -> dict[str, str]:
-    """Return the settings `name=value` among arguments by name."""
-    return dict(text.split("=", 1) for text in arguments if "=" in text)
+    """Return the settings `name=value` among arguments by name.
+
+    Raises:
+      UsageError: one is given twice.
+    """
+    found: dict[str, str] = {}
+    for text in arguments:
+        name, is_setting, value = text.partition("=")
+        if name in found:
+            raise UsageError(f"'{name}={found[name]}' and '{text}' set {name} twice.")
+        if is_setting:
+            found[name] = value
+    return found
 
 
 def without_folder(arguments: Sequence[str]) -> list[str]:

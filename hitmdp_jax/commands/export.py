@@ -15,7 +15,7 @@ from brax.envs.base import Env
 from hitmdp_jax.analysis.evaluation import check_fit
 from hitmdp_jax.analysis.export import FORMATS, check_format, export
 from hitmdp_jax.commands.policies import Chosen, add_choice, load_chosen
-from hitmdp_jax.commands.settings import Parser, guarded
+from hitmdp_jax.commands.settings import Parser, guarded, writable
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.brax_tasks import BRAX
 from hitmdp_jax.training.config import RunConfig
@@ -40,6 +40,8 @@ def _main() -> None:
     options = parser.parse_args()
     check_format(options.format)
     config = RunConfig.load(options.run_dir, options.trust)
+    if options.out is not None:
+        writable("--out", options.out)
     set_up_host(config.physics, 1)
     choice = load_chosen(options)
     env = task_of(choice) if config.tasks else None

@@ -15,7 +15,7 @@ import numpy as np
 from hitmdp_jax.analysis.trajectories import Trajectories, record
 from hitmdp_jax.commands.command_line import command_line
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
-from hitmdp_jax.commands.settings import Parser, guarded
+from hitmdp_jax.commands.settings import Parser, guarded, writable
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training import folder
@@ -44,6 +44,8 @@ def _main() -> None:
     options = parser.parse_args()
     whole_number("episodes", options.episodes, at_least=1)
     configs = {run_dir: RunConfig.load(run_dir, options.trust) for run_dir in options.run_dirs}
+    if options.out is not None:
+        writable("--out", options.out)
     if len(configs) == 1:
         ((run_dir, config),) = configs.items()
         set_up_host(ENGINE, 16 * options.episodes)

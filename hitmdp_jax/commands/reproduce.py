@@ -57,6 +57,7 @@ from hitmdp_jax.commands import figures, suites
 from hitmdp_jax.commands.arms import named, train_arms, without_folder
 from hitmdp_jax.commands.settings import Settings, dispatched, folder_setting
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
+from hitmdp_jax.plugins import label
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import made
 from hitmdp_jax.training.policy import load
@@ -85,11 +86,11 @@ def run_comparison(arguments: list[str]) -> int:
     folder = folder_setting(values) or Path(
         f"runs/compare/{name.replace('/', '-')}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
     )
-    arms = {algo: [f"algo={algo}", *without_folder(rest)] for algo in algos}
+    arms = {name: [f"algo={algo}", *without_folder(rest)] for name, algo in algos.items()}
     if code := train_arms(arms, folder):
         return code
-    run_dirs = {algo: folder / algo for algo in algos}
-    config = RunConfig.load(run_dirs[algos[0]])
+    run_dirs = {name: folder / name for name in algos}
+    config = RunConfig.load(next(iter(run_dirs.values())))
     parameters = {algo: count_parameters(run_dir) for algo, run_dir in run_dirs.items()}
     results = compare(run_dirs, parameters, since=config.switch_at or 0)
     rows = table(results)
@@ -101,8 +102,8 @@ def run_comparison(arguments: list[str]) -> int:
     return 0
 
 
-def _algorithms(arguments: list[str]) -> tuple[list[str], list[str]]:
-    """Return the algorithms of `algos=`, and the other arguments."""
+def _algorithms(arguments: list[str]) -> tuple[dict[str, str], list[str]]:
+    """Return the algorithms of `algos=` by what their folders are called, and other arguments."""
     rest = [text for text in arguments if not text.startswith("algos=")]
     instead_of = {
         "algo": "algos= names", "resume": "run_dir= of it goes on with", "sweep": "algos= names"
@@ -111,12 +112,14 @@ def _algorithms(arguments: list[str]) -> tuple[list[str], list[str]]:
         if name in named(rest):
             raise UsageError(f"compare takes no {name}=: {instead} what is compared.")
     listed = named(arguments).get("algos", "all")
-    algos = sorted(AGENTS) if listed == "all" else listed.split(",")
-    for algo in algos:
+    algos: dict[str, str] = {}
+    for algo in sorted(AGENTS) if listed == "all" else listed.split(","):
         plugins.trust(algo, remember=True)
         find_agent(algo)
-        if algos.count(algo) > 1:
-            raise UsageError(f"algos = {listed} names {algo} more than once.")
+        name = label(algo)
+        if name in algos:
+            raise UsageError(f"algos = {listed} names {name} more than once.")
+        algos[name] = algo
     return algos, rest
 
 

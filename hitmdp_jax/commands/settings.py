@@ -5,16 +5,19 @@ import copy
 import functools
 import itertools
 import logging
+import math
 import os
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 import hydra
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import Override, QuotedString, Transformer, ValueType
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -34,6 +37,14 @@ HOST_SETTINGS = (
 )  # of the command line, not of the run
 OWN_GROUPS = ("env", "algo")  # whose choice may be path/to/file.py:Class
 OWN = "own"  # the choice that stands for it
+MOST_JOBS = 10_000  # of -m
+HELP = "python train.py --help"  # which lists groups, choices and settings
+# Of Hydra's own settings those that a run with -m heeds; the group -> the choices that an
+# installation adds, and how.
+HYDRA_GROUPS = {
+    "hydra/launcher": dict.fromkeys(("submitit_local", "submitit_slurm"), "-e '.[slurm]'"),
+    "hydra/sweeper": {"optuna": "hydra-optuna-sweeper"},
+}
 
 
 def configs() -> Path:
@@ -94,6 +105,10 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise UsageError, of which `guarded` makes one sentence."""
+        kind, _, arguments = message.partition(": ")
+        if kind == "unrecognized arguments" and arguments.startswith("-"):
+            flag = arguments.split()[0].split("=")[0]
+            raise unknown_name("flag", flag, self._option_string_actions)
         raise UsageError(f"{message[0].upper()}{message[1:]}; --help lists what can be given.")
 
 
@@ -110,52 +125,59 @@ class Settings:
 
     def __init__(self, arguments: Sequence[str], multirun: bool = False):
         self.folder = configs()
-        groups = {p.name: _choices(p) for p in self.folder.iterdir() if p.is_dir()}
+        self.groups = {p.name: _choices(p) for p in self.folder.iterdir() if p.is_dir()}
         parsed = [_parse(text) for text in arguments]
-        own = {
-            override.key_or_group
-            for override in parsed
-            if override.key_or_group in OWN_GROUPS and plugins.is_own(str(override.value()))
-        }
+        _check_form(parsed, multirun)
+        own = {o.key_or_group for o in parsed if _is_own(o)}
         self.overrides: list[str] = []  # as Hydra reads them
         names = []
         for override in parsed:
             name = override.get_key_element().lstrip("+~")
             text = override.input_line or ""
             if name in own:
-                path = plugins.absolute(str(override.value()))
-                self.overrides += [f"{name}={OWN}", f"++{name}.name='{path}'"]
+                paths = [f"'{plugins.absolute(choice)}'" for choice in _listed(override)]
+                self.overrides += [f"{name}={OWN}", f"++{name}.name={','.join(paths)}"]
             elif name.split(".")[0] in own:
                 self.overrides.append(f"++{text.lstrip('+')}")
             else:
                 self.overrides.append(text)
                 names.append((name, override))
-        self._check(names, groups, multirun)
+        self._check(names, multirun)
 
-    def _check(
-        self, names: list[tuple[str, Override]], groups: dict[str, list[str]], multirun: bool
-    ) -> None:
-        values = []
+    def _check(self, names: list[tuple[str, Override]], multirun: bool) -> None:
+        values, groups = [], self.groups
         for name, override in names:
-            if override.is_sweep_override() and not multirun:
-                raise UsageError(
-                    f"'{override.input_line}' lists several values: add -m to run one after the "
-                    "other."
-                )
             if name.startswith("hydra"):
-                continue
-            if name in groups:
+                self._check_hydra(name, override, multirun)
+            elif name not in groups:
+                values.append(name)
+            else:
                 for choice in _listed(override):
                     if choice not in groups[name]:
                         kind = {"env": "environment"}.get(name, name)
-                        raise unknown_name(kind, choice, groups[name])
-            else:
-                values.append(name)
+                        raise unknown_name(kind, choice, groups[name], listed=HELP)
         chosen = [o for o in self.overrides if _parse(o).get_key_element().lstrip("+~") in groups]
-        known = [name for job in _product(chosen) for name in _dotted(self._compose(job))]
+        known = [name for job in _product(chosen) for name in self.names(job)]
         for name in values:
             if name not in known:
-                raise unknown_name("setting", name, set(known))
+                raise unknown_name("setting", name, {*known, *groups}, listed=HELP)
+
+    def _check_hydra(self, name: str, override: Override, multirun: bool) -> None:
+        """Let through what decides how the jobs of -m run; nothing else of Hydra's has a say."""
+        of_group = any(name.startswith(group.replace("/", ".") + ".") for group in HYDRA_GROUPS)
+        if not multirun or override.is_add() or not (of_group or name in HYDRA_GROUPS):
+            instead = " run_dir= names the folder." if name.endswith(".dir") else ""
+            raise UsageError(
+                f"'{name}' has no say here: of Hydra's own settings, -m takes hydra/launcher, "
+                f"hydra/sweeper and what belongs to them.{instead}"
+            )
+        if name in HYDRA_GROUPS:
+            with hydra.initialize_config_dir(str(self.folder.absolute()), version_base="1.3"):
+                known = GlobalHydra.instance().config_loader().get_group_options(name)
+            for choice in set(_listed(override)) - set(known):
+                if package := HYDRA_GROUPS[name].get(choice):
+                    raise UsageError(f"{name}={choice} is not installed: pip install {package}.")
+                raise unknown_name(name, choice, {*known, *HYDRA_GROUPS[name]})
 
     def jobs(self) -> list[list[str]]:
         """Return the overrides of every run: one, or one for each combination of listed values.
@@ -181,6 +203,10 @@ class Settings:
         """Return a job's validated settings; `trust` and Raises as `run_config`."""
         return run_config(self.values(job), trust)
 
+    def names(self, job: Sequence[str]) -> list[str]:
+        """Return the names of a job's settings."""
+        return _dotted(self._compose(job))
+
     def _compose(self, overrides: Sequence[str]) -> dict[str, Any]:
         return copy.deepcopy(_composed(self.folder.absolute(), tuple(overrides)))
 
@@ -192,9 +218,35 @@ def _composed(folder: Path, overrides: tuple[str, ...]) -> dict[str, Any]:
             composed = hydra.compose("config", overrides=list(overrides))
             values = OmegaConf.to_container(composed, resolve=True)
         except (HydraException, OmegaConfBaseException) as error:
-            raise UsageError(" ".join(str(error).split())) from error
+            sentence = " ".join(str(error).split())  # + is for what does not exist
+            raise UsageError(sentence.partition(" To append to your config")[0]) from error
     assert isinstance(values, dict)
     return {str(name): x for name, x in values.items()}
+
+
+def writable(name: str, path: Path, within: str = "") -> Path:
+    """Return a path that is to be written after hours of work, having made sure now that it can be.
+
+    Args:
+      name: the setting that names it.
+      path: a file or, of a folder, what `within` is a file of.
+      within: the file's name.
+
+    Raises:
+      UsageError: it cannot be written.
+    """
+    file = path / within
+    try:
+        if file.exists():
+            file.open("a").close()
+        else:
+            above = next(folder for folder in file.absolute().parents if folder.exists())
+            tempfile.TemporaryFile(dir=above).close()
+    except NotADirectoryError:
+        raise UsageError(f"{name} = {path} cannot be written: a file is in its way.") from None
+    except OSError as error:
+        raise UsageError(f"{name} = {path} cannot be written: {error.strerror}.") from None
+    return path
 
 
 def run_config(values: dict[str, Any], trust: bool = True) -> RunConfig:
@@ -250,14 +302,56 @@ def _parse(text: str) -> Override:
     return override
 
 
+def _check_form(parsed: Sequence[Override], multirun: bool) -> None:
+    """Raise UsageError where a setting is given twice, or has several values without -m."""
+    given: dict[str, Override] = {}
+    for override in parsed:
+        name, text = override.get_key_element().lstrip("+~"), override.input_line
+        if name in given:
+            raise UsageError(f"'{given[name].input_line}' and '{text}' set {name} twice.")
+        if override.is_sweep_override() and not multirun:
+            raise UsageError(f"'{text}' lists several values: add -m to run one after the other.")
+        if override.value_type is ValueType.GLOB_CHOICE_SWEEP:
+            raise UsageError(f"'{text}' is a pattern: list the choices, as {name}=a,b.")
+        given[name] = override
+    swept = given["sweep"].value() if "sweep" in given else None
+    for name in set(swept if isinstance(swept, dict) else ()) & set(given):
+        raise UsageError(f"'{given[name].input_line}' has no say: sweep= gives {name} its values.")
+
+
+def _is_own(override: Override) -> bool:
+    """Return whether a group's choice is a file and a class of it, or all of several choices.
+
+    Raises:
+      UsageError: some are, and others are not.
+    """
+    if override.key_or_group not in OWN_GROUPS:
+        return False
+    for choice in _listed(override):
+        plugins.require_class(choice)
+    own = [plugins.is_own(choice) for choice in _listed(override)]
+    if any(own) and not all(own):
+        raise UsageError(
+            f"'{override.input_line}' lists files of your own beside other names: run -m for each "
+            "kind."
+        )
+    return all(own)
+
+
 def _listed(override: Override) -> list[str]:
-    if override.is_sweep_override():
-        return [str(x) for x in override.sweep_string_iterator()]
+    """Return the values that a setting lists, its only one otherwise."""
+    if override.is_sweep_override() and not override.is_interval_sweep():
+        elements = override.sweep_iterator(Transformer.identity)
+        return [x.text if isinstance(x, QuotedString) else str(x) for x in elements]
     return [str(override.value())]
 
 
 def _product(overrides: Sequence[str]) -> list[list[str]]:
-    """Return one list of overrides for each combination of listed values."""
+    """Return one list of overrides for each combination of listed values.
+
+    Raises:
+      UsageError: there are more than anyone would run.
+    """
     lists = []
     for override in map(_parse, overrides):
         key, text = override.get_key_element(), override.input_line or ""
@@ -266,9 +360,12 @@ def _product(overrides: Sequence[str]) -> list[list[str]]:
             ends: Any = override.value()
             lists.append([f"{key}={ends.start}", f"{key}={ends.end}"])
         elif swept:
-            lists.append([f"{key}={x}" for x in override.sweep_string_iterator()])
+            values = itertools.islice(override.sweep_string_iterator(), MOST_JOBS + 1)
+            lists.append([f"{key}={x}" for x in values])
         else:
             lists.append([text])
+    if math.prod(map(len, lists)) > MOST_JOBS:
+        raise UsageError(f"-m lists more than {MOST_JOBS:,} jobs.")
     return [list(job) for job in itertools.product(*lists)]
 
 

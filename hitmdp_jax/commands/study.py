@@ -18,10 +18,11 @@ import yaml
 
 import hitmdp_jax
 from hitmdp_jax.analysis import ablation, tables
-from hitmdp_jax.commands.arms import train_arms, without_folder
-from hitmdp_jax.commands.settings import Settings, dispatched, folder_setting
+from hitmdp_jax.commands.arms import last_of_each, train_arms, without_folder
+from hitmdp_jax.commands.settings import Settings, dispatched, folder_setting, writable
 from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.training.config import trust_named
+from hitmdp_jax.training.folder import made
 
 STUDIES = Path(hitmdp_jax.__file__).parent / "studies"
 
@@ -49,20 +50,16 @@ def _usage() -> str:
 def _run(name: str, rest: list[str]) -> int:
     study = read(name)
     trust, rest = "--trust" in rest, [text for text in rest if text != "--trust"]
-    notebooks = [Path(text.split("=", 1)[1]) for text in rest if text.startswith("append=")]
+    notebooks = [text.split("=", 1)[1] for text in rest if text.startswith("append=")]
+    notebooks = [writable("append", Path(name)) for name in notebooks]
     rest = [text for text in rest if not text.startswith("append=")]
     own = without_folder(rest)
-    arms = {arm: [*study.settings, *more, *own] for arm, more in study.arms.items()}
+    arms = {arm: last_of_each([*study.settings, *x, *own]) for arm, x in study.arms.items()}
     values = Settings(rest).values()
     trust_named(values, remember=True)
     folder = folder_setting(values) or Path(
         f"runs/study/{Path(name).stem}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
     )
-    for notebook in notebooks:
-        try:
-            notebook.open("a").close()  # before hours of training, not after
-        except OSError as error:
-            raise UsageError(f"append={notebook} cannot be written: {error.strerror}.") from None
     if code := train_arms(arms, folder, trust):
         return code
     results = ablation.measure({arm: folder / arm for arm in arms}, study.control)
@@ -71,6 +68,7 @@ def _run(name: str, rest: list[str]) -> int:
     tables.show(rows)
     command = " ".join(["python -m hitmdp_jax.study", name, *own])
     for notebook in notebooks:
+        made(notebook.parent)
         with notebook.open("a") as file:
             file.write(f"\n## {study.question}\n\n`{command}`\n\n{tables.markdown(rows)}")
     print(f"Saved in {folder}.")
@@ -93,21 +91,23 @@ def read(name: str) -> Study:
         raise unknown_name("study", name, names())
     try:
         content: Any = yaml.safe_load(path.read_text())
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError, RecursionError):
         content = None
     fields = [field.name for field in dataclasses.fields(Study)]
     if not isinstance(content, dict) or set(content) != set(fields):
         raise UsageError(f"'{path}' is not a study: one has {', '.join(fields)}.")
     study = Study(**content)
     arms = study.arms if isinstance(study.arms, dict) else {}
-    if not arms or not all(map(_are_settings, [study.settings, *arms.values()])):
+    texts = _are_texts([study.question, study.control, *arms])
+    if not arms or not texts or not all(map(_are_texts, [study.settings, *arms.values()])):
         raise UsageError(
-            f"'{path}' is not a study: settings and each of arms are lists of settings."
+            f"'{path}' is not a study: settings and each of arms are lists of settings, and names "
+            "and the question are texts."
         )
     if study.control not in study.arms:
         raise unknown_name("arm", study.control, study.arms)
     return study
 
 
-def _are_settings(x: object) -> bool:
-    return isinstance(x, list) and all(isinstance(setting, str) for setting in x)
+def _are_texts(x: object) -> bool:
+    return isinstance(x, list) and all(isinstance(text, str) for text in x)

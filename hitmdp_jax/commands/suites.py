@@ -19,7 +19,8 @@ import hitmdp_jax
 from hitmdp_jax.analysis import causal, results, results_figure, used_options
 from hitmdp_jax.analysis.figures import save
 from hitmdp_jax.analysis.results_page import Suite, page, section
-from hitmdp_jax.commands.arms import configs_of, named, train_arms
+from hitmdp_jax.commands.arms import configs_of, last_of_each, named, train_arms
+from hitmdp_jax.commands.settings import writable
 from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.machine import made_with
 from hitmdp_jax.training.config import RunConfig
@@ -59,9 +60,9 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
     suite, (own, settings) = read(name), _own(arguments)
     tasks = _chosen("task", own["tasks"], suite.tasks)
     arms = _chosen("arm", own["arms"], suite.arms)
-    folder = Path(own["results"])
+    folder, path = _checked(own["results"], own["page"])
     commands = {
-        f"{task}/{arm}": _last_of_each([*suite.settings_of(task, arm), *settings])
+        f"{task}/{arm}": last_of_each([*suite.settings_of(task, arm), *settings])
         for task in tasks
         for arm in arms
     }
@@ -76,7 +77,7 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
             known = None
         first = known.config.seeds if known else 0
         seed, seeds = configs[cell].seed + first, configs[cell].seeds - first
-        missing = _last_of_each([*commands[cell], f"seeds={seeds}", f"seed={seed}"])
+        missing = last_of_each([*commands[cell], f"seeds={seeds}", f"seed={seed}"])
         run_dir = RUNS / f"{cell}-{seed}-{seeds}"
         if code := train_arms({run_dir.name: missing}, run_dir.parent):
             return code
@@ -91,7 +92,7 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
         )
         more = functools.partial(publish_more, run_dir, with_policy=with_policy)
         results.publish(run_dir, folder / cell, scores, about, known, more)
-        tell(folder, Path(own["page"]))
+        tell(folder, path)
         print(f"{cell}: published in {folder / cell}", flush=True)
     print(section(name, suite, folder, str(folder)))
     return 0
@@ -112,7 +113,7 @@ def run_figure(suites: Sequence[str], arguments: Sequence[str]) -> int:
     chosen = _chosen("task", _own(arguments)[0]["tasks"], every)
     for name in suites:
         mine = ",".join(task for task in chosen if task in tasks[name])
-        if mine and (code := run_suite(name, [*arguments, f"tasks={mine}"])):
+        if mine and (code := run_suite(name, last_of_each([*arguments, f"tasks={mine}"]))):
             return code
     return 0
 
@@ -168,7 +169,12 @@ def _places(arguments: Sequence[str], page: str) -> tuple[Path, Path]:
         if text.split("=", 1)[0] not in given:
             raise unknown_name("setting", text.split("=", 1)[0], given)
     given |= named(arguments)
-    return Path(given["results"]), Path(given["page"])
+    return _checked(given["results"], given["page"])
+
+
+def _checked(folder: str, page: str) -> tuple[Path, Path]:
+    """Return the two as paths; Raises UsageError where they cannot be written, before hours."""
+    return writable("results", Path(folder), "table1.png"), writable("page", Path(page))
 
 
 def tell(folder: Path, path: Path) -> None:
@@ -212,11 +218,6 @@ def _own(arguments: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     given = named(arguments)
     rest = [text for text in arguments if text.split("=", 1)[0] not in OWN]
     return {name: given.get(name, default) for name, default in OWN.items()}, rest
-
-
-def _last_of_each(settings: Sequence[str]) -> list[str]:
-    """Return settings without those that a later one of the same name replaces."""
-    return list({text.split("=", 1)[0]: text for text in settings}.values())
 
 
 def _chosen(kind: str, listed: str, known: dict[str, Any]) -> list[str]:

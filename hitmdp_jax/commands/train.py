@@ -13,6 +13,7 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
+from hitmdp_jax import plugins
 from hitmdp_jax.commands.settings import (
     Settings,
     configs,
@@ -22,7 +23,7 @@ from hitmdp_jax.commands.settings import (
     run_config,
 )
 from hitmdp_jax.commands.tensorboard import OptionFigures
-from hitmdp_jax.errors import UsageError, exit_with, unknown_name
+from hitmdp_jax.errors import UsageError, exit_with, nearest, unknown_name
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import saved_iterations
 from hitmdp_jax.training.claim import RUNS, already_there, claim, is_finished, newest
@@ -48,7 +49,7 @@ def main() -> None:
     try:
         for flag in flags:
             if flag not in FLAGS:
-                raise unknown_name("flag", flag, FLAGS)
+                raise _unknown_flag(flag)
         settings = Settings([a for a in arguments if not a.startswith("-")], multirun)
         swept, overrides = settings.swept(), settings.overrides
         if multirun:
@@ -67,7 +68,8 @@ def main() -> None:
         hydra_config = HydraConfig.get()
         names = hydra_config.overrides.task
         if swept:
-            label = ",".join(o for o in names if o.split("=")[0] in swept).replace("/", "-")
+            label = ",".join(_short(o) for o in names if o.split("=")[0] in swept)
+            label = label.replace("/", "-")
             plain["run_dir"] = str(Path(hydra_config.sweep.dir) / label)
             print(f"job {hydra_config.job.num + 1}: {label}", flush=True)
         given = [o.split("=")[0] for o in names]
@@ -81,6 +83,16 @@ def main() -> None:
     guarded(lambda: run() or max(codes))
 
 
+def _unknown_flag(flag: str) -> UsageError:
+    """Return the error for a flag that there is not; it may be meant for a setting."""
+    name, _, value = flag.lstrip("-").partition("=")
+    settings = Settings([])
+    near = nearest(name, [*settings.groups, *settings.names([])])
+    if near and not nearest(flag, FLAGS):
+        return UsageError(f"Unknown flag '{flag}': settings have no dashes, as {near}={value}.")
+    return unknown_name("flag", flag, FLAGS)
+
+
 def final_return(run_dir: Path) -> float:
     """Return the interquartile mean over a finished run's trainings of their final returns."""
     from hitmdp_jax.analysis.comparison import final_returns
@@ -88,6 +100,13 @@ def final_return(run_dir: Path) -> float:
     from hitmdp_jax.analysis.statistics import interquartile_mean
 
     return float(interquartile_mean(final_returns(read_metrics(run_dir))))
+
+
+def _short(override: str) -> str:
+    """Return a swept setting as a part of a folder's name: `env=my_task.MyTask` for a file's."""
+    name, _, value = override.partition("=")
+    own = plugins.is_own(value)
+    return f"{name.lstrip('+').removesuffix('.name')}={plugins.label(value)}" if own else override
 
 
 def _sweep_folder(settings: Settings) -> Path:
@@ -208,7 +227,7 @@ def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
 def _resumed(run_dir: Path, names: list[str], values: dict[str, Any]) -> RunConfig:
     """Return the settings a resumed run goes on with."""
     for name in names:
-        if name not in RESUMABLE and not name.startswith("hydra"):
+        if name not in RESUMABLE:
             raise UsageError(
                 f"resume={run_dir} goes on with the run's own settings; only "
                 f"{' and '.join(CHANGEABLE)} can be changed, not '{name}'."

@@ -19,7 +19,7 @@ from hitmdp_jax.analysis.evaluation import check_fit
 from hitmdp_jax.analysis.trajectories import record
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
 from hitmdp_jax.commands.policies import add_choice, load_chosen
-from hitmdp_jax.commands.settings import Parser, guarded
+from hitmdp_jax.commands.settings import Parser, guarded, writable
 from hitmdp_jax.envs import check_env, make_env
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.envs.physics import find_engine
@@ -60,11 +60,11 @@ def _main() -> None:
     check_filming(config)
     set_up_host(engine, options.episodes)
     choice = load_chosen(options)
-    env: Any = make_env(**choice.task, physics=engine)
-    check_fit(choice.policy, env)
     out = options.out or subfolder(options.run_dir, VIDEOS)
     path = out if out.suffix == ".mp4" else out / f"{choice.name}.mp4"
-    made(path.parent)
+    made(writable("--out", path).parent)
+    env: Any = make_env(**choice.task, physics=engine)
+    check_fit(choice.policy, env)
     key = jax.random.key(choice.training.seed + SEED_OFFSET)
     how = {"deterministic": options.deterministic, "physics": True}
     recorded = jax.device_get(record(choice.policy, env, key, options.episodes, **how))

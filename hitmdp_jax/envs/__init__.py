@@ -12,7 +12,7 @@ from hitmdp_jax.envs.dmc.suite import require_suite
 from hitmdp_jax.envs.keywords import check_keywords, parameters_of
 from hitmdp_jax.envs.physics import PhysicsChoice, find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
-from hitmdp_jax.plugins import is_own, label, load_class, trust
+from hitmdp_jax.plugins import is_own, label, load_class, require_class, trust
 
 __all__ = ["check_engine", "check_env", "check_installed", "list_envs", "make_env", "register_env"]
 
@@ -147,7 +147,8 @@ def check_env(
         task = load_class(name)
         _check_interface(name, task)
     else:
-        raise unknown_name("environment", name, list_envs())
+        require_class(name)
+        raise unknown_name("environment", name, list_envs(), listed="hitmdp_jax.list_envs()")
     check_keywords(label(name), task, task_kwargs, domains=name in _REGISTRY)
     return task
 

@@ -18,24 +18,6 @@ def test_theory_writes_its_figures(command, tmp_path):
     assert not jax.config.read("jax_enable_x64")  # left as it was
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["comparison"], "Unknown target 'comparison'; did you mean 'compare'?"),
-        (["compare", "algos=mopg,pppo"], "Unknown algo 'pppo'; did you mean 'ppo'?"),
-        (["compare", "halfcheetah"], "'halfcheetah' is not of the form name=value"),
-        (["theory", "sed=1"], "Unknown setting 'sed'; did you mean 'seed'?"),
-        (["theory", "seed=-1"], "seed = -1 must be a whole number"),
-        (["theory", f"run_dir={__file__}"], f"run_dir = {__file__} cannot be made"),
-    ],
-)
-def test_bad_input_is_explained(command, arguments, sentence):
-    result = command("reproduce", *arguments)
-    assert result.returncode == 2
-    assert result.stderr.startswith(f"error: {sentence}")
-    assert result.stderr.count("\n") == 1
-
-
 @pytest.fixture(scope="module")
 def compared(command, tmp_path_factory):
     folder = tmp_path_factory.mktemp("compare") / "both"

@@ -14,25 +14,6 @@ def test_the_studies_that_come_with_the_package_are_valid(name):
     assert all(config.seeds >= 16 for config in arms.configs_of(settings).values())
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["embeding"], "Unknown study 'embeding'; did you mean 'embedding'?"),
-        (["embedding", "total_step=5"], "Unknown setting 'total_step'"),
-        (["own.yaml"], "'own.yaml' is not a study: one has question, control, settings, arms."),
-        (["listed.yaml"], "'listed.yaml' is not a study: settings and each of arms are lists"),
-        (["embedding", "append=none/notes.md"], "append=none/notes.md cannot be written: No such"),
-    ],
-)
-def test_bad_input_is_explained(command, tmp_path, arguments, sentence):
-    (tmp_path / "own.yaml").write_text("question: none")
-    listed = {"question": "none", "control": "a", "settings": [], "arms": ["a"]}
-    (tmp_path / "listed.yaml").write_text(yaml.safe_dump(listed))
-    result = command("study", *arguments, cwd=tmp_path)
-    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
-    assert result.stderr.startswith(f"error: {sentence}")
-
-
 def test_a_study_of_ones_own_is_trained_and_noted_down(command, tmp_path, monkeypatch):
     """Its arms are trained in this process; that they have one of their own is tested elsewhere."""
     monkeypatch.setattr(arms, "train", lambda settings: command("train", *settings).returncode)

@@ -106,21 +106,3 @@ def test_a_suite_is_trained_published_and_not_trained_again(command, tmp_path):
     other = command("reproduce", *arguments, "algo.gamma=0.9", cwd=tmp_path)
     assert other.returncode == 2
     assert "was published with other settings (algo.gamma: 0.9 here, 0.99 there)" in other.stderr
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["table1", "tasks=swimer"], "Unknown task 'swimer'; did you mean 'swimmer'?"),
-        (["table1", "arms=mopg,dca"], "Unknown arm 'dca'; did you mean 'dac'?"),
-        (["table1", "total_step=5"], "Unknown setting 'total_step'"),
-        (["figure3", "tasks=cheetah"], "Unknown task 'cheetah'; did you mean 'halfcheetah'?"),
-        (["figure4", "tasks=ant"], "Unknown task 'ant'"),
-        (["curves", "tasks=ant"], "Unknown setting 'tasks'"),
-        (["results", "pages=a.md"], "Unknown setting 'pages'; did you mean 'page'?"),
-    ],
-)
-def test_bad_input_is_explained(command, tmp_path, arguments, sentence):
-    result = command("reproduce", *arguments, cwd=tmp_path)
-    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
-    assert result.stderr.startswith(f"error: {sentence}")
