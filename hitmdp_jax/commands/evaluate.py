@@ -17,7 +17,7 @@ from hitmdp_jax.analysis.causal import WITHOUT_EACH_OPTION, summary
 from hitmdp_jax.analysis.directed import number_of_options
 from hitmdp_jax.analysis.evaluation import ENGINES, Scores, check_request, score_each, task_env
 from hitmdp_jax.analysis.insight import Insight
-from hitmdp_jax.commands.policies import checkpoint_named
+from hitmdp_jax.commands.policies import add_checkpoint, load_named
 from hitmdp_jax.commands.settings import Parser, guarded
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.checkpoint import Progress
@@ -25,7 +25,7 @@ from hitmdp_jax.training.config import RunConfig, Task
 from hitmdp_jax.training.folder import EVALUATIONS, write
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import StopRequest
-from hitmdp_jax.training.policy import Policy, load_all, places
+from hitmdp_jax.training.policy import Policy, places
 from hitmdp_jax.training.run import Run
 from hitmdp_jax.training.sweep import PREFIX, Training
 
@@ -50,7 +50,7 @@ def _main() -> None:
     parser.add_argument("--episodes", type=int, default=50, help="episodes a seed (50)")
     parser.add_argument("--seed", type=int, default=None, help="one of the run's seeds; all")
     parser.add_argument("--setting", type=int, default=None, help="one of a sweep's settings; all")
-    parser.add_argument("--checkpoint", default="newest", help="newest, best, or an iteration")
+    add_checkpoint(parser)
     parser.add_argument("--deterministic", action="store_true", help="do not sample")
     parser.add_argument(
         "--choices", action="store_true", help="sampling, let something else choose the options too"
@@ -70,7 +70,7 @@ def _main() -> None:
         number = number_of_options(config.make_agent())
         side_by_side = max(side_by_side, options.episodes * (number + WITHOUT_EACH_OPTION))
     set_up_host(engine if engine != "gymnasium" else config.physics, side_by_side)
-    iteration, everyone = load_all(options.run_dir, checkpoint_named(options.checkpoint))
+    iteration, everyone = load_named(options)
     trainings = [config.trainings[place] for place in chosen]
     keys = [jax.random.key(training.seed + SEED_OFFSET) for training in trainings]
     policies = everyone.of(np.array(chosen))

@@ -35,7 +35,20 @@ def add_choice(parser: Parser) -> None:
     parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help="a run's folder")
     parser.add_argument("--seed", type=int, default=None, help="one of the run's seeds; the first")
     parser.add_argument("--setting", type=int, default=None, help="one of a sweep's settings; 0")
+    add_checkpoint(parser)
+
+
+def add_checkpoint(parser: Parser) -> None:
+    """Let a command line name a checkpoint, which `load_named` reads."""
     parser.add_argument("--checkpoint", default="newest", help="newest, best, or an iteration")
+    parser.add_argument("--task", type=int, help="a transfer's: 0 or 1; the newest checkpoint's")
+
+
+def load_named(options: argparse.Namespace) -> tuple[int, Policy]:
+    """Read the checkpoint of a run that a command line names; Returns and Raises as `load_all`."""
+    text = options.checkpoint
+    which = int(text) if text.isascii() and text.isdecimal() else text
+    return load_all(options.run_dir, which, options.task)
 
 
 def load_chosen(options: argparse.Namespace) -> Chosen:
@@ -47,13 +60,8 @@ def load_chosen(options: argparse.Namespace) -> Chosen:
     config = RunConfig.load(options.run_dir, options.trust)
     seed = config.seed if options.seed is None else options.seed
     (place,) = places(config, seed, options.setting or 0)
-    iteration, everyone = load_all(options.run_dir, checkpoint_named(options.checkpoint))
+    iteration, everyone = load_named(options)
     named = {"seed": options.seed, "setting": options.setting}
     parts = [f"{name}{number}" for name, number in named.items() if number is not None]
     name = "_".join([str(config.steps_after(iteration)), *parts])
     return Chosen(config, config.trainings[place], iteration, everyone.of(place), name)
-
-
-def checkpoint_named(text: str) -> int | str:
-    """Return a checkpoint as `load_all` takes it: an iteration, or a word."""
-    return int(text) if text.isascii() and text.isdecimal() else text

@@ -1,11 +1,14 @@
 """Saving and restoring training states with Orbax."""
 
+import contextlib
 import dataclasses
+import hashlib
+import json
 import math
 import shutil
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,8 @@ from hitmdp_jax.training.program import TrainState
 
 SCHEMA = 1  # of a checkpoint; raised where an older package would misread it
 STATE, POLICY, PROGRESS = "state", "policy", "progress"  # the items of a checkpoint
+WORDS = "metadata"  # the file of the last one
+BEFORE_DIGESTS = {"schema", "task", "iteration", "recent_return"}  # all the words there were then
 KEPT = 3  # the newest checkpoints; the best one is kept beside them
 MARGIN = 2**20  # bytes of a checkpoint beside its arrays, at most, and of metrics meanwhile
 INTERVAL = 120.0  # seconds after which a run saves, however few steps it made
@@ -36,12 +41,17 @@ class Progress:
     state: TrainState | None  # [S, ...]; None before the first iteration
 
 
+class DamagedError(Exception):
+    """A checkpoint is not what was saved."""
+
+
 class Checkpoints:
-    """The checkpoints of one run, numbered by iteration: the newest three and the best.
+    """The checkpoints of one run, numbered by iteration: the newest three, and each task's best.
 
     A checkpoint holds the whole training state, for exact resuming; beside it what acting needs
     (parameters and normaliser), which stays readable when a task's internals change; and a few
-    words of JSON. All of it is arrays and text: reading a stranger's checkpoint runs no code.
+    words of JSON, digests of all the rest among them, by which damage is noticed. All of it is
+    arrays and text: reading a stranger's checkpoint runs no code.
     Saving copies first and writes in the background, under a name that no reader takes for a
     checkpoint until it is whole.
 
@@ -52,10 +62,11 @@ class Checkpoints:
 
     def __init__(self, run_dir: Path, read_only: bool = False):
         self.folder = (run_dir / CHECKPOINTS).absolute()
-        best = managers.BestN(get_metric_fn=_score, n=1, keep_checkpoints_without_metrics=False)
         here = jax.process_index()  # which alone reads and writes, however many train together
         options = ocp.CheckpointManagerOptions(
-            preservation_policy=managers.AnyPreservationPolicy([managers.LatestN(KEPT), best]),
+            preservation_policy=managers.AnyPreservationPolicy(
+                [managers.LatestN(KEPT), _BestOfEachTask(self._words)]
+            ),
             create=False,  # Orbax's own read_only warns at every reading
             multiprocessing_options=ocp.options.MultiprocessingOptions(here, {here}, "alone"),
         )
@@ -67,7 +78,7 @@ class Checkpoints:
         handlers = {
             STATE: ocp.StandardCheckpointHandler(),
             POLICY: ocp.StandardCheckpointHandler(),
-            PROGRESS: ocp.JsonCheckpointHandler(),
+            PROGRESS: ocp.JsonCheckpointHandler(WORDS),
         }
         self._manager = ocp.CheckpointManager(self.folder, options=options, item_handlers=handlers)
         self._last_save = time.monotonic()
@@ -92,19 +103,8 @@ class Checkpoints:
         policy = policy_of(state)
         if iteration in self._manager.all_steps():
             return
-        words = {
-            "schema": SCHEMA,
-            "task": progress.task,
-            "iteration": iteration,
-            "recent_return": None if math.isnan(recent_return) else recent_return,
-        }
-        items = ocp.args.Composite(
-            **{
-                STATE: ocp.args.StandardSave(_savable(with_raw_keys(state))),  # pyright: ignore
-                POLICY: ocp.args.StandardSave(_savable(policy)),  # pyright: ignore
-                PROGRESS: ocp.args.JsonSave(words),  # pyright: ignore
-            }
-        )
+        trees = {STATE: with_raw_keys(state), POLICY: policy}
+        items = _items(trees, progress.task, iteration, recent_return)
         self._last_save, self._wanted = time.monotonic(), iteration
 
         def write() -> None:
@@ -113,26 +113,19 @@ class Checkpoints:
             free = shutil.disk_usage(self.folder).free
             if free < needed:
                 raise OSError(f"no space left: {free:,} bytes are free, {needed:,} are needed")
-            self._manager.save(
-                iteration, args=items, metrics={"recent_return": words["recent_return"]}
-            )
+            self._manager.save(iteration, args=items)
 
         self._attempt(write)
 
-    def save_policy(self, iteration: int, policy: dict[str, Any]) -> None:
+    def save_policy(self, iteration: int, task: int, policy: dict[str, Any]) -> None:
         """Save what acting needs, without the state that a training would go on from.
 
         Args:
           iteration: after which the policy acted so.
+          task: the place of the task that it had learned then.
           policy: as `restore_policy` gives it.
         """
-        words = {"schema": SCHEMA, "task": 0, "iteration": iteration, "recent_return": None}
-        items = ocp.args.Composite(
-            **{
-                POLICY: ocp.args.StandardSave(policy),  # pyright: ignore
-                PROGRESS: ocp.args.JsonSave(words),  # pyright: ignore
-            }
-        )
+        items = _items({POLICY: policy}, task, iteration, math.nan)
         self._attempt(lambda: self._manager.save(iteration, args=items))
 
     def restore(self, like: Callable[[int], TrainState]) -> Progress:
@@ -153,37 +146,49 @@ class Checkpoints:
             state = raw.replace(key=jax.random.wrap_key_data(raw.key))
             return Progress(iteration, words["task"], state)
 
-        progress = self._newest(read)
+        progress = self._newest(read, self._written())
         for iteration in self._manager.all_steps():
             if iteration > progress.iteration:
                 self._manager.delete(iteration)
         return progress
 
-    def restore_policy(self, which: int | str = "newest") -> tuple[int, dict[str, Any]]:
+    def restore_policy(
+        self, which: int | str = "newest", task: int | None = None
+    ) -> tuple[int, dict[str, Any]]:
         """Return a checkpoint's iteration and `policy_of(state)`: parameters, normaliser [S, ...].
 
         Args:
-          which: "newest", "best", or the iteration of one.
+          which: "newest", "best" by its recent return, or the iteration of one.
+          task: the place, from 0, of the task whose checkpoints count; returns of two tasks cannot
+            be compared. None takes that of the newest one.
 
         Raises:
-          UsageError: there is no such checkpoint.
+          UsageError: there is no such checkpoint, or it cannot be read.
         """
 
         def read(iteration: int) -> tuple[int, dict[str, Any]]:
             self._words(iteration)
             return iteration, self._read(iteration, POLICY, self._claimed(iteration, POLICY))
 
+        steps = self._written()
+        if task is not None:
+            of_task = {i: words["task"] == task for i, words in self._readable(steps).items()}
+            steps = [i for i in steps if of_task.get(i)]
         if which == "newest":
-            return self._newest(read)
-        steps = self._manager.all_steps()
-        best = self._manager.best_step() or max(steps, default=None)
-        iteration = best if which == "best" else which
+            return self._newest(read, steps)
+        iteration = self._best(steps) if which == "best" else which
         if not isinstance(iteration, int) or iteration not in steps:
             raise UsageError(
-                f"'{self.folder}' holds no checkpoint {which}; it holds "
+                f"'{self.folder}' holds no checkpoint {which}"
+                f"{'' if task is None else f' of task {task}'}; it holds "
                 f"{', '.join(map(str, steps)) or 'none'}, and 'newest' and 'best' name one of them."
             )
-        return read(iteration)
+        try:
+            return read(iteration)
+        except UsageError:
+            raise
+        except Exception as error:  # whatever a torn file makes its reader say
+            raise UsageError(self._damage(iteration, error)) from None
 
     def close(self) -> None:
         """Wait until everything is written."""
@@ -192,31 +197,59 @@ class Checkpoints:
             self.failure = None  # what failed before has been made up for
         self._attempt(self._manager.close)
 
-    def _newest(self, read: Callable[[int], Any]) -> Any:
-        steps = sorted(self._manager.all_steps(), reverse=True)
-        for iteration in steps:
+    def _written(self) -> list[int]:
+        """Return the iterations whose checkpoints are there, the one under way among them."""
+        self._manager.wait_until_finished()
+        return list(self._manager.all_steps())
+
+    def _newest(self, read: Callable[[int], Any], steps: Sequence[int]) -> Any:
+        for iteration in sorted(steps, reverse=True):
             try:
                 return read(iteration)
             except UsageError:
                 raise
             except Exception as error:  # whatever a torn file makes its reader say
-                print(
-                    f"warning: the checkpoint of iteration {iteration} in '{self.folder}' cannot "
-                    f"be read ({type(error).__name__}); taking the one before.",
-                    file=sys.stderr,
-                )
+                damage = self._damage(iteration, error)
+                print(f"warning: {damage}; taking the one before.", file=sys.stderr)
         if steps:
             raise UsageError(f"No checkpoint in '{self.folder}' can be read.")
         raise UsageError(f"'{self.folder}' holds no checkpoint.")
 
+    def _damage(self, iteration: int, error: Exception) -> str:
+        what = str(error) if isinstance(error, DamagedError) else type(error).__name__
+        place = f"the checkpoint of iteration {iteration} in '{self.folder}'"
+        return f"{place} cannot be read ({what})"
+
+    def _best(self, steps: Iterable[int]) -> int | None:
+        """Return the best checkpoint of the newest one's task, the newest where no return is known.
+
+        Those whose words cannot be read are out of the question.
+        """
+        known = self._readable(steps)
+        if not known:
+            return max(steps, default=None)
+        task = known[max(known)]["task"]
+        return max((i for i in known if known[i]["task"] == task), key=lambda i: _rank(i, known[i]))
+
+    def _readable(self, steps: Iterable[int]) -> dict[int, dict[str, Any]]:
+        """Return the words of those checkpoints whose words can be read."""
+        found = {}
+        for iteration in steps:
+            with contextlib.suppress(Exception):  # whatever a torn file makes its reader say
+                found[iteration] = self._words(iteration)
+        return found
+
     def _words(self, iteration: int) -> dict[str, Any]:
-        arguments = {PROGRESS: ocp.args.JsonRestore()}  # pyright: ignore[reportCallIssue]
-        words = self._manager.restore(iteration, args=ocp.args.Composite(**arguments))[PROGRESS]
+        words = json.loads((self.folder / str(iteration) / PROGRESS / WORDS).read_bytes())
         if words["schema"] > SCHEMA:
             raise UsageError(
                 f"'{self.folder}' was written by a newer hitmdp_jax (schema {words['schema']}; "
                 f"this one reads up to {SCHEMA}): upgrade to read it."
             )
+        digest = words.pop("digest", None)
+        older = digest is None and set(words) == BEFORE_DIGESTS
+        if not older and (digest != _digest_of_words(words) or words["iteration"] != iteration):
+            raise DamagedError("its words are not those that were saved")
         return words
 
     def _read(self, iteration: int, item: str, like: Any) -> Any:
@@ -225,7 +258,11 @@ class Checkpoints:
         target = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=here), like)
         self._check_fit(self._claimed(iteration, item), target)
         arguments = {item: ocp.args.StandardRestore(target)}  # pyright: ignore[reportCallIssue]
-        return self._manager.restore(iteration, args=ocp.args.Composite(**arguments))[item]
+        found = self._manager.restore(iteration, args=ocp.args.Composite(**arguments))[item]
+        saved = self._words(iteration).get("digests")  # an older package wrote none
+        if saved is not None and saved.get(item) != _digest(found):
+            raise DamagedError("its numbers are not those that were saved")
+        return found
 
     def _claimed(self, iteration: int, item: str) -> Any:
         """Return the names, shapes and types that a checkpoint's item says it holds."""
@@ -308,18 +345,84 @@ def _size(state: TrainState) -> int:
     return sum(x.nbytes for x in jax.tree.leaves(with_raw_keys(state)))
 
 
-def _score(metrics: Any) -> float:
-    score = metrics.get("recent_return")
-    return -math.inf if score is None else float(score)
+class _BestOfEachTask(managers.PreservationPolicy):
+    """Keeps the checkpoint of each task whose recent return is the highest.
+
+    Orbax's own `BestN` forgets the returns of a run that is gone on with.
+
+    Args:
+      words: maps an iteration to the words of its checkpoint; raises where they cannot be read.
+    """
+
+    def __init__(self, words: Callable[[int], dict[str, Any]]):
+        self._words = words
+
+    def should_preserve(
+        self, checkpoints: Sequence[Any], *, context: managers.PreservationContext
+    ) -> Sequence[bool]:
+        """Return for each checkpoint whether it is the best of its task."""
+        best: dict[int, tuple[float, int]] = {}
+        for checkpoint in checkpoints:
+            with contextlib.suppress(Exception):  # the one that is being written, or a torn one
+                words = self._words(checkpoint.step)
+                if words["recent_return"] is not None:
+                    rank = _rank(checkpoint.step, words)
+                    best[words["task"]] = max(rank, best.get(words["task"], rank))
+        kept = {iteration for _, iteration in best.values()}
+        return [checkpoint.step in kept for checkpoint in checkpoints]
+
+
+def _items(
+    trees: dict[str, Any], task: int, iteration: int, recent_return: float
+) -> ocp.args.Composite:
+    """Return what a checkpoint is to hold, as Orbax takes it."""
+    words = {
+        "schema": SCHEMA,
+        "task": task,
+        "iteration": iteration,
+        "recent_return": None if math.isnan(recent_return) else recent_return,
+        "digests": {item: _digest(tree) for item, tree in trees.items()},
+    }
+    words["digest"] = _digest_of_words(words)
+    arrays = {item: ocp.args.StandardSave(_savable(tree)) for item, tree in trees.items()}  # pyright: ignore
+    return ocp.args.Composite(**arrays, **{PROGRESS: ocp.args.JsonSave(words)})  # pyright: ignore
+
+
+def _rank(iteration: int, words: dict[str, Any]) -> tuple[float, int]:
+    """Return what the best checkpoint has most of: its return, and of equal ones it is the newest.
+
+    One whose return is not known is better than none.
+    """
+    known = words["recent_return"]
+    return -math.inf if known is None else known, iteration
+
+
+def _digest(tree: Any) -> str:
+    """Return a digest of a tree's arrays: their names, shapes, types and every bit of them."""
+    found = hashlib.sha256()
+    leaves = {_name(path): x for path, x in jax.tree.leaves_with_path(tree)}
+    for name in sorted(leaves):
+        array = np.ascontiguousarray(jax.device_get(leaves[name]))
+        found.update(f"{name} {array.dtype} {array.shape} ".encode())
+        found.update(array.tobytes())
+    return found.hexdigest()
+
+
+def _digest_of_words(words: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(words, sort_keys=True).encode()).hexdigest()
 
 
 def _by_path(tree: Any) -> dict[str, tuple[int, ...]]:
     leaves = jax.tree.leaves_with_path(tree, is_leaf=lambda x: hasattr(x, "shape"))
-    names = ("/".join(_key(k) for k in path) for path, _ in leaves)
+    names = (_name(path) for path, _ in leaves)
     return {
         name: tuple(np.shape(x) if not hasattr(x, "shape") else x.shape)
         for name, (_, x) in zip(names, leaves, strict=True)
     }
+
+
+def _name(path: tuple[Any, ...]) -> str:
+    return "/".join(map(_key, path))
 
 
 def _key(entry: Any) -> str:

@@ -231,8 +231,11 @@ class RunConfig:
         """
         if not self.tasks:
             raise UsageError("The run was saved from Python and names no task.")
-        number = max(iteration - 1, 0) // self.iterations
-        return self.tasks[min(number, len(self.tasks) - 1)]
+        return self.tasks[self.task_number(iteration)]
+
+    def task_number(self, iteration: int) -> int:
+        """Return the place, from 0, of the task of `task_at`; 0 where the run names none."""
+        return min(max(iteration - 1, 0) // self.iterations, max(len(self.tasks) - 1, 0))
 
     def steps_after(self, iteration: int) -> int:
         """Return the environment steps of one seed after so many iterations."""

@@ -134,6 +134,7 @@ def iterate(
 ) -> None:
     """Train on a task to its end, or until all agree to stop."""
     config = run.config
+    reporter.recent_return = float("nan")  # what the task before returned is no measure of this one
     last = (progress.task + 1) * config.iterations
     per_checkpoint = config.iterations_in(config.checkpoint_steps)
     while progress.iteration < last and not agreement.signum:

@@ -71,6 +71,7 @@ def load(
     seed: int | None = None,
     checkpoint: int | str = "newest",
     setting: int = 0,
+    task: int | None = None,
     trust: bool = False,
 ) -> Policy:
     """Load a policy of a run.
@@ -80,6 +81,8 @@ def load(
       seed: which of the run's seeds, by the number the run gave it; None takes the first.
       checkpoint: "newest"; "best", by the training return; or an iteration that was saved.
       setting: which setting of a sweep, by the number that its tables give it.
+      task: of a transfer, the task whose newest or best checkpoint is asked for: 0 or 1. None takes
+        the one that the newest checkpoint is of.
       trust: run the file of an own task or algorithm that the run names. It needs no such word
         where `save` or a command line of this user has named the file.
 
@@ -90,7 +93,7 @@ def load(
     run_dir = _folder(run_dir)
     config = RunConfig.load(run_dir, trust)
     (place, *_) = places(config, config.seed if seed is None else seed, setting)
-    _, everyone = load_all(run_dir, checkpoint)
+    _, everyone = load_all(run_dir, checkpoint, task)
     return everyone.of(place)
 
 
@@ -113,7 +116,9 @@ def places(config: RunConfig, seed: int | None = None, setting: int | None = Non
     ]
 
 
-def load_all(run_dir: str | Path, checkpoint: int | str = "newest") -> tuple[int, Policy]:
+def load_all(
+    run_dir: str | Path, checkpoint: int | str = "newest", task: int | None = None
+) -> tuple[int, Policy]:
     """Return a checkpoint's iteration and the policies of all trainings, their leaves [R, ...].
 
     Args and Raises as `load`.
@@ -122,7 +127,7 @@ def load_all(run_dir: str | Path, checkpoint: int | str = "newest") -> tuple[int
     config = RunConfig.load(run_dir)
     checkpoints = Checkpoints(run_dir, read_only=True)
     try:
-        iteration, saved = checkpoints.restore_policy(checkpoint)
+        iteration, saved = checkpoints.restore_policy(checkpoint, task)
     finally:
         checkpoints.close()
     agents = config.make_agent().replace(**config.swept)
@@ -199,6 +204,7 @@ def extract(
     seed: int | None = None,
     checkpoint: int | str = "newest",
     setting: int = 0,
+    task: int | None = None,
     trust: bool = False,
 ) -> None:
     """Copy one policy of a run into a folder of its own, which `load` reads: a few hundred kB.
@@ -211,6 +217,7 @@ def extract(
       seed: which of the run's seeds; None takes the first.
       checkpoint: "newest", "best", or an iteration that was saved.
       setting: which setting of a sweep.
+      task: as `load`.
       trust: as `load`.
 
     Raises:
@@ -218,14 +225,15 @@ def extract(
     """
     config = RunConfig.load(_folder(run_dir), trust)
     (place, *_) = places(config, config.seed if seed is None else seed, setting)
-    iteration, everyone = load_all(run_dir, checkpoint)
+    iteration, everyone = load_all(run_dir, checkpoint, task)
     training = config.trainings[place]
     swept = {name.removeprefix(PREFIX): x for name, x in training.swept.items()}
     alone = {"seeds": 1, "seed": training.seed, "sweep": None, "samples": None}
     own = dataclasses.replace(config, algo=config.algo | swept, **alone)
     learned = {"params": everyone.params, **dataclasses.asdict(everyone.normalizer)}
     checkpoints = Checkpoints(claim(_folder(folder), own))
-    checkpoints.save_policy(iteration, jax.tree.map(lambda x: x[place : place + 1], learned))
+    mine = jax.tree.map(lambda x: x[place : place + 1], learned)
+    checkpoints.save_policy(iteration, config.task_number(iteration), mine)
     checkpoints.close()
     if checkpoints.failure:
         raise UsageError(f"'{folder}' cannot be written: {checkpoints.failure}")

@@ -1,3 +1,7 @@
+import contextlib
+import json
+import shutil
+
 import jax
 import numpy as np
 import pytest
@@ -5,7 +9,7 @@ import pytest
 import hitmdp_jax
 from hitmdp_jax.agents import PPO
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training.checkpoint import KEPT, Checkpoints, Progress, saved_iterations
+from hitmdp_jax.training.checkpoint import Checkpoints, Progress, saved_iterations
 from tests.probes import Target
 
 INIT, STEP = hitmdp_jax.make_train(PPO(num_epochs=1), Target(), num_steps=64, num_envs=4,
@@ -40,12 +44,119 @@ def test_a_state_comes_back_as_it_was(checkpoints, state):
     jax.tree.map(np.testing.assert_array_equal, *raw)
 
 
-def test_the_newest_and_the_best_are_kept(checkpoints, tmp_path, state):
-    returns = [1.0, 9.0, float("nan"), 3.0, 4.0, 5.0, 2.0]
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("returns", "kept", "best"),
+    [
+        ([NAN, 5, 9, 1, 2, 3], [3, 4, 5, 6], 3),
+        ([1, 9, NAN, 3, 4, 5, 2], [2, 5, 6, 7], 2),
+        ([4, 4, 1, 1, 1], [2, 3, 4, 5], 2),  # of equal ones the newest
+        ([NAN, NAN, NAN, NAN], [2, 3, 4], 4),
+        ([-5, NAN, NAN, NAN, -7], [1, 3, 4, 5], 1),
+    ],
+)
+@pytest.mark.parametrize("resumed", [False, True])
+def test_the_newest_and_the_best_are_kept(returns, kept, best, resumed, tmp_path, state):
+    checkpoints = Checkpoints(tmp_path)
     for i, recent_return in enumerate(returns, start=1):
         checkpoints.save(Progress(i, 0, marked(state, i)), recent_return)
+        if resumed and i > 2:
+            checkpoints.close()
+            checkpoints = Checkpoints(tmp_path)
     checkpoints.close()
-    assert saved_iterations(tmp_path) == [2, *range(8 - KEPT, 8)]
+    assert saved_iterations(tmp_path) == kept
+    assert Checkpoints(tmp_path, read_only=True).restore_policy("best")[0] == best
+
+
+def test_each_task_of_a_transfer_has_its_best_which_is_asked_for_by_its_place(tmp_path, state):
+    checkpoints = Checkpoints(tmp_path)
+    returns = [(0, 300), (0, 345), (0, 100), (1, NAN), (1, 7), (1, 3), (1, 2), (1, 1)]
+    for i, (task, recent_return) in enumerate(returns, start=1):
+        checkpoints.save(Progress(i, task, marked(state, i)), recent_return)
+    checkpoints.close()
+    assert saved_iterations(tmp_path) == [2, 5, 6, 7, 8]
+    reader = Checkpoints(tmp_path, read_only=True)
+    asked = [("best", None), ("best", 0), ("best", 1), ("newest", 0), ("newest", 1)]
+    assert [reader.restore_policy(*each)[0] for each in asked] == [5, 2, 5, 2, 8]
+    with pytest.raises(UsageError, match="holds no checkpoint best of task 2"):
+        reader.restore_policy("best", 2)
+
+
+def older(folder):
+    """Make checkpoints such as an older package wrote: their words without digests."""
+    for path in folder.rglob("progress/metadata"):
+        words = json.loads(path.read_text())
+        names = ("schema", "task", "iteration", "recent_return")
+        path.write_text(json.dumps({name: words[name] for name in names}))
+
+
+def test_checkpoints_without_digests_are_read_too(tmp_path, state):
+    checkpoints = Checkpoints(tmp_path)
+    for i, recent_return in enumerate([NAN, 5, 9, 1, 2, 3], start=1):
+        checkpoints.save(Progress(i, 0, marked(state, i)), recent_return)
+    checkpoints.close()
+    older(tmp_path)
+    assert Checkpoints(tmp_path, read_only=True).restore_policy("best")[0] == 3
+    assert Checkpoints(tmp_path).restore(like).iteration == 6
+
+
+@pytest.fixture(scope="module")
+def two(state, tmp_path_factory):
+    """A run of two checkpoints that hold different policies."""
+    folder = tmp_path_factory.mktemp("two")
+    checkpoints = Checkpoints(folder)
+    for i in (1, 2):
+        learner = state.learner.replace(params=jax.tree.map(lambda x: x + i, state.learner.params))  # noqa: B023
+        checkpoints.save(Progress(i, 0, marked(state.replace(learner=learner), i)))
+    checkpoints.close()
+    return folder
+
+
+def flipped(content, places):
+    """Return a file's content with one bit changed, at several places."""
+    rng = np.random.default_rng(0)
+    for place in rng.integers(0, len(content), places):
+        bit = 1 << int(rng.integers(8))
+        yield content[:place] + bytes([content[place] ^ bit]) + content[place + 1 :]
+
+
+def torn(content, ways):
+    every = (content[: len(content) // 2], b"", content[:-1], b"\0" * len(content), b"\xff[")
+    yield from every[:ways]
+
+
+SOME = [(flipped, 2), (torn, 1)]
+MANY = [pytest.param(damage, 40, marks=pytest.mark.slow) for damage, _ in SOME]
+
+
+@pytest.mark.parametrize(("damage", "number"), [*SOME, *MANY])
+def test_damage_in_any_file_is_noticed(damage, number, two, tmp_path, capfd):
+    """A checkpoint is as it was, or it gives way to the one before, and that is told in a line."""
+    states = {i: Checkpoints(two, read_only=True).restore_policy(i)[1] for i in (1, 2)}
+    run_dir = shutil.copytree(two, tmp_path / "run")
+    files = sorted(p for p in (run_dir / "checkpoints" / "2").rglob("*") if p.is_file())
+    assert len(files) > 20
+    for path in files:
+        whole = path.read_bytes()
+        for content in damage(whole, number):
+            path.write_bytes(content)
+            reader = Checkpoints(run_dir, read_only=True)
+            capfd.readouterr()
+            if "state" in path.parts:
+                progress = Checkpoints(run_dir).restore(like)
+                iteration, read = progress.iteration, progress.state.learner.params
+                if iteration == 1:  # which removes the damaged one
+                    shutil.copytree(two, run_dir, dirs_exist_ok=True)
+            else:
+                iteration, policy = reader.restore_policy()
+                read = policy["params"]
+                with contextlib.suppress(UsageError):  # in one sentence
+                    assert iteration == reader.restore_policy(2)[0]
+            jax.tree.map(np.testing.assert_array_equal, read, states[iteration]["params"])
+            assert capfd.readouterr().err.count("\n") == (iteration == 1), path
+        path.write_bytes(whole)
 
 
 def test_a_seed_that_is_not_finite_keeps_no_other_from_being_saved(checkpoints, tmp_path, state):

@@ -9,6 +9,7 @@ from hitmdp_jax.agents import MOPG, PPO
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.rollout import RolloutState, collect
+from hitmdp_jax.training.checkpoint import Checkpoints, Progress
 from hitmdp_jax.training.policy import Policy, extract, load_all
 from tests.probes import Target
 
@@ -96,6 +97,23 @@ def test_what_a_policy_learned_from_is_what_it_acts_on(states):
     assert obs.dtype == jnp.int8
     np.testing.assert_array_equal(learned_from, acted_on)
     assert len(np.unique(learned_from)) > 2
+
+
+def test_the_best_checkpoint_is_the_one_of_the_highest_return(states, tmp_path):
+    run_dir = tmp_path / "run"
+    hitmdp_jax.save(run_dir, AGENT, states)
+    checkpoints = Checkpoints(run_dir)
+    for i, recent_return in enumerate([5, 9, 1, 2, 3], start=2):
+        seen = states.normalizer.replace(mean=states.normalizer.mean + i)
+        checkpoints.save(Progress(i, 0, states.replace(normalizer=seen)), recent_return)
+    checkpoints.close()
+    extract(run_dir, tmp_path / "one", checkpoint="best")
+    for policy in (
+        hitmdp_jax.load(run_dir, checkpoint="best"),
+        hitmdp_jax.load(tmp_path / "one"),
+        hitmdp_jax.load(tmp_path / "one", checkpoint="best", task=0),
+    ):
+        np.testing.assert_array_equal(policy.normalizer.mean, states.normalizer.mean[0] + 3)
 
 
 def test_observations_of_another_size_are_explained(saved):
