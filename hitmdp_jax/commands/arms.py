@@ -52,7 +52,8 @@ def train_arms(arms: Mapping[str, Sequence[str]], folder: Path, trust: bool = Tr
         where = (
             [f"resume='{name}'", "trust=true"] if known[arm] else [*arms[arm], f"run_dir='{name}'"]
         )
-        code = train([*where, "report=false"])  # what arms are trained for reports on all of them
+        # What arms are trained for reports on all of them.
+        code = train(last_of_each([*where, "report=false"]))
         if code > 128:
             print(f"Stopped in {arm}. The same command with run_dir={folder} goes on from there.")
             return code
