@@ -30,8 +30,9 @@ def main(folder, num_steps=40_960, episodes=4):
     print("share of the steps:", insight.usage.round(2))
     print("divergence in nats:", insight.divergence.round(3), sep="\n")
     tables.show(causal.table(insight.interventions))
-    option = insight.by_usage[0]
-    for sentence in sentences(insight.perturbation.slopes[option], insight.names.actuators):
+    option, found = insight.by_usage[0], insight.perturbation
+    assert found is not None  # MOPG's options are embeddings
+    for sentence in sentences(found, option, insight.names.actuators):
         print(f"option {option}: {sentence}")
 
     folder.mkdir(parents=True, exist_ok=True)

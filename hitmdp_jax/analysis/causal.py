@@ -24,6 +24,10 @@ OWN, SHUFFLED, UNIFORM, FROZEN = "own choices", "own, shuffled", "uniform choice
 # What `summary` tells.
 OF_CHOICES = ("own_choices", "shuffled_choices", "uniform_choices", "first_choice")
 OF_OPTIONS = ("best_option", "worst_option")
+# Nats: options that are less apart are practically identical, for it takes hundreds of steps to
+# tell them from each other; a few steps tell options that are so much apart as DISTINCT.
+IDENTICAL, DISTINCT = 0.01, 1.0
+LISTED = 6  # pairs of options that a sentence names
 WITHOUT_EACH_OPTION = 3  # interventions beside the K that keep an option throughout
 
 
@@ -78,6 +82,20 @@ def divergence(policy: Policy, obs: jax.Array) -> jax.Array:
     )
     directed_divergence = first.kl_divergence(second).mean(axis=0)
     return 0.5 * (directed_divergence + directed_divergence.T)
+
+
+def alike(divergence: np.ndarray) -> str:
+    """Say which options are practically identical, by how far they are apart, [K, K] in nats."""
+    first, second = np.triu_indices(len(divergence), 1)
+    close = divergence[first, second] < IDENTICAL
+    bound = f"{IDENTICAL:g} nats apart"
+    if close.all():
+        return f"The options are practically identical: no two of them are {bound}."
+    if not close.any():
+        return f"No two options are practically identical: all are at least {bound}."
+    pairs = [f"{i} and {j}" for i, j in zip(first[close], second[close], strict=True)]
+    named = pairs[:LISTED] + [f"{len(pairs) - LISTED} more pairs"] * (len(pairs) > LISTED)
+    return f"Practically identical, less than {bound}: options {'; '.join(named)}."
 
 
 def intervene(

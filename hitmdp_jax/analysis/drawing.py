@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.image import AxesImage
+from numpy.typing import ArrayLike
 
 from hitmdp_jax.analysis.colors import option_color
 from hitmdp_jax.analysis.options import Activations
@@ -17,17 +18,26 @@ MOST_ANNOTATED = 8  # rows of a square heat map whose numbers are written into i
 
 
 def heat_map(
-    axes: Axes, values: np.ndarray, *, signed: bool = False, limit: float | None = None, **how: Any
+    axes: Axes, values: np.ndarray, limit: float, *, signed: bool = False, **how: Any
 ) -> AxesImage:
-    """Draw values [rows, columns], NaN in grey; signed ones about a white zero."""
-    finite = np.abs(values[np.isfinite(values)])
-    limit = limit or float(finite.max(initial=0.0)) or 1.0
+    """Draw values [rows, columns] up to a limit, NaN in grey; signed ones about a white zero."""
     low = -limit if signed else 0.0
     image = axes.imshow(
         values, cmap=SIGNED if signed else AMOUNT, vmin=low, vmax=limit, aspect="auto", **how
     )
     axes.set_facecolor(UNKNOWN)
     return image
+
+
+def limit_of(values: ArrayLike, at_least: float) -> float:
+    """Return where the colours or the axis of values end, so that nothing tiny looks large.
+
+    Args:
+      values: all that are drawn by one scale.
+      at_least: what is not to look small.
+    """
+    values = np.abs(np.asarray(values, float))
+    return float(values[np.isfinite(values)].max(initial=at_least))
 
 
 def annotate(axes: Axes, image: AxesImage, spec: str = ".2f") -> None:

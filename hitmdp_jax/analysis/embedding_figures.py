@@ -1,6 +1,7 @@
 """Figures of option embeddings, by the paper's numbers: 5 (main text), 12, 13 and 14 (App. B.3)."""
 
 from collections.abc import Sequence
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -8,11 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import ArrayLike
 
-from hitmdp_jax.analysis.drawing import annotate, heat_map, number_options
+from hitmdp_jax.analysis.drawing import annotate, heat_map, limit_of, number_options
 from hitmdp_jax.analysis.insight import Insight
-from hitmdp_jax.analysis.perturbation import Perturbation, strongest
+from hitmdp_jax.analysis.perturbation import SPREAD, Perturbation, strongest
 from hitmdp_jax.analysis.states import cosine_similarities
 from hitmdp_jax.errors import UsageError, out_of_domain
 
@@ -43,7 +43,7 @@ def figure12(insight: Insight) -> Figure:
     left, right = figure.subplots(1, 2, width_ratios=(3.2, 1))
     _embeddings(left, rows)
     left.set_title("option embeddings W")
-    image = heat_map(right, cosine_similarities(rows), signed=True, limit=1.0)
+    image = heat_map(right, cosine_similarities(rows), 1.0, signed=True)
     annotate(right, image)
     number_options(right, len(rows))
     right.set_title("cosine similarity")
@@ -123,7 +123,7 @@ def _embedded(insight: Insight, name: str, perturb: bool = True) -> tuple[np.nda
 
 
 def _embeddings(axes: Axes, rows: np.ndarray) -> None:
-    image = heat_map(axes, rows, signed=True)
+    image = heat_map(axes, rows, limit_of(rows, SPREAD), signed=True)
     number_options(axes, len(rows), "y")
     axes.set(xlabel="dimension", ylabel="option")
     axes.figure.colorbar(image, ax=axes, pad=0.01, ticks=MaxNLocator(4))
@@ -137,35 +137,29 @@ def _effects(
     actuators: Sequence[str],
 ) -> None:
     """Draw, for pairs of an option and a dimension, how far a shift moves the mean action."""
-    unmoved = np.abs(perturbed.shifts).argmin()
-    moves = [perturbed.actions[k, e] - perturbed.actions[k, e, unmoved] for k, e in pairs]
-    limit = float(np.abs(moves).max())
     image: AxesImage | None = None
-    for axes, (k, e), move in zip(panels, pairs, moves, strict=True):
-        image = _effect(axes, perturbed.shifts, move, limit, perturbed.slopes[k, e], actuators)
+    for axes, (k, e) in zip(panels, pairs, strict=True):
+        image = _effect(axes, perturbed, k, e, actuators)
         axes.set_title(f"dimension {e}")
     assert image is not None
+    figure.supxlabel(fill(perturbed.summary, 110 if len(panels) > 1 else 60), fontsize="small")
     label = "change of the\nmean action"
     figure.colorbar(image, ax=list(panels), label=label, pad=0.02, ticks=MaxNLocator(4))
 
 
 def _effect(
-    axes: Axes,
-    shifts: np.ndarray,
-    moves: np.ndarray,
-    limit: float,
-    slopes: ArrayLike,
-    actuators: Sequence[str],
+    axes: Axes, perturbed: Perturbation, option: int, dimension: int, actuators: Sequence[str]
 ) -> AxesImage:
+    shifts, moves = perturbed.shifts, perturbed.moved[option, dimension]
     half = (shifts[1] - shifts[0]) / 2
     extent = (shifts[0] - half, shifts[-1] + half, len(actuators) - 0.5, -0.5)
-    image = heat_map(axes, moves.T, signed=True, limit=limit, extent=extent)
+    image = heat_map(axes, moves.T, perturbed.limit, signed=True, extent=extent)
     axes.set_yticks(range(len(actuators)), actuators)
-    axes.set(xlabel="shift of W", xticks=(-0.1, 0.0))
+    axes.set(xlabel="shift of W", xticks=(shifts[0], 0.0, shifts[-1]))
     beside = {"transform": axes.get_yaxis_transform(), "va": "center", "fontsize": "small"}
     axes.text(1.02, 1.03, "slope", transform=axes.transAxes, fontsize="small")
-    for i, slope in enumerate(np.asarray(slopes)):
-        axes.text(1.02, i, f"{slope:+.3f}", **beside)
+    for i, slope in enumerate(perturbed.slopes[option, dimension]):
+        axes.text(1.02, i, f"{slope:+z.3f}", **beside)
     return image
 
 

@@ -103,6 +103,16 @@ class Insight:
         """The share of steps under j among those after one under i, [K, K]."""
         return options.transition_matrix(*self._taken, self.num_options)
 
+    @property
+    def choices(self) -> np.ndarray | None:
+        """The master's P(o_t = j | s_t, o_{t-1} = i), mean over the visited s_t, [K, K], or None.
+
+        `transitions` counts what was drawn with these probabilities.
+        """
+        option, alive = self._taken
+        probs = self.trajectories.option_probs
+        return None if probs is None else options.mean_after(option, alive, probs)
+
     @functools.cached_property
     def divergence(self) -> np.ndarray:
         """How far the options' actions are apart, [K, K] in nats."""

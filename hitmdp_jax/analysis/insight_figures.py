@@ -1,12 +1,14 @@
 """Figures of what a policy's options are for: not in the paper, and asked of every run."""
 
+from textwrap import fill
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from hitmdp_jax.analysis.causal import effects
+from hitmdp_jax.analysis.causal import DISTINCT, alike, effects
 from hitmdp_jax.analysis.colors import option_color
-from hitmdp_jax.analysis.drawing import annotate, heat_map, number_options
+from hitmdp_jax.analysis.drawing import annotate, heat_map, limit_of, number_options
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.analysis.states import by_option
 from hitmdp_jax.errors import UsageError
@@ -37,19 +39,35 @@ def causal_figure(insight: Insight) -> Figure:
 
 def transitions_figure(insight: Insight) -> Figure:
     """Draw which option follows which, step by step."""
-    return _square(
-        insight.transitions, "option of the next step", "option", "share of the next steps", 1.0
-    )
+    label = "share of the next steps"
+    return _square(insight.transitions, 1.0, "option of the next step", "option", label)
+
+
+def choices_figure(insight: Insight) -> Figure:
+    """Draw how probable the master's choice of each option is, after each one.
+
+    Raises:
+      UsageError: the agent does not tell its choices' probabilities.
+    """
+    probs = insight.choices
+    if probs is None:
+        raise _without(insight, "probabilities of choices")
+    label = "mean probability of the choice"
+    return _square(probs, 1.0, "option that is chosen", "previous option", label)
 
 
 def divergence_figure(insight: Insight) -> Figure:
     """Draw how far the options' actions are apart in the visited states."""
-    label = "mean divergence of actions (nats)"
-    return _square(insight.divergence, "option", "option", label)
+    found, label = insight.divergence, "mean divergence of actions (nats)"
+    figure = _square(found, limit_of(found, DISTINCT), "option", "option", label)
+    figure.suptitle(fill(alike(found), 50), fontsize="small")
+    return figure
 
 
 def attention_figure(insight: Insight) -> Figure:
-    """Draw how much the master attends to each option after each one.
+    """Draw how much the master attends to each option after each one: a step towards its choice.
+
+    What it chooses is what `choices_figure` draws; it may attend to one option and choose another.
 
     Raises:
       UsageError: the agent's master policy attends to nothing.
@@ -58,7 +76,10 @@ def attention_figure(insight: Insight) -> Figure:
     if weights is None:
         raise _without(insight, "attention")
     means = by_option(weights, insight.states.previous)
-    return _square(means, "option attended to", "previous option", "mean attention weight", 1.0)
+    figure = _square(means, 1.0, "option attended to", "previous option", "mean attention weight")
+    said = "Attention is a step towards the choice; `choices` shows the choice itself."
+    figure.suptitle(fill(said, 50), fontsize="small")
+    return figure
 
 
 def terminations_figure(insight: Insight) -> Figure:
@@ -115,13 +136,11 @@ def _component(insight: Insight, i: int) -> str:
     return f"component {i + 1}: {share:.0%} of the variance\n({most}, ...)"
 
 
-def _square(
-    values: np.ndarray, xlabel: str, ylabel: str, label: str, limit: float | None = None
-) -> Figure:
+def _square(values: np.ndarray, limit: float, xlabel: str, ylabel: str, label: str) -> Figure:
     size = max(3.4, 0.3 * len(values) + 1.2)
     figure = Figure(figsize=(size + 1.2, size), layout="constrained")
     axes = figure.subplots()
-    image = heat_map(axes, values, limit=limit)
+    image = heat_map(axes, values, limit)
     annotate(axes, image)
     number_options(axes, len(values))
     axes.set(xlabel=xlabel, ylabel=ylabel)

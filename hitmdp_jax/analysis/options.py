@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
+from hitmdp_jax.analysis.states import by_option
 from hitmdp_jax.learning.options import mean_duration
 
 
@@ -59,10 +60,16 @@ def transition_matrix(option: ArrayLike, alive: ArrayLike, num_options: int) -> 
 
     The diagonal holds the steps that keep their option. A row is NaN where nothing follows i.
     """
-    counts = np.zeros((num_options, num_options))
-    np.add.at(counts, _pairs(option, alive), 1.0)
-    total = counts.sum(axis=1, keepdims=True)
-    return np.where(total > 0, counts / np.maximum(total, 1.0), np.nan)
+    return mean_after(option, alive, np.eye(num_options)[np.asarray(option)])
+
+
+def mean_after(option: ArrayLike, alive: ArrayLike, values: ArrayLike) -> np.ndarray:
+    """Return the mean of values [T, N, K] over the steps that follow one under each option, [K, K].
+
+    A row is NaN where nothing follows its option.
+    """
+    both = np.asarray(alive, bool)[1:]
+    return by_option(np.asarray(values)[1:][both], np.asarray(option)[:-1][both])
 
 
 def effective_number(usage: ArrayLike) -> np.ndarray:

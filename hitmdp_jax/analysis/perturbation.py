@@ -1,12 +1,13 @@
 """What each dimension of an option's embedding does to the actions (App. B.3, after capsules).
 
-A dimension of W[o] is shifted a little and the option decoded again, in states that the policy
-visited. The shift is of W itself, which the action policy reads times `option_scale` and, with
+A dimension of W[o] is shifted by as much as embeddings differ and the option decoded again, in
+states that the policy visited. (The paper shifts by a tenth at most, which moves nothing here.) The
+shift is of W itself, which the action policy reads times `option_scale` and, with
 `embeddings="equal"`, over sqrt(E): a unit of W is worth more where these are larger.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hitmdp_jax.agents.hit_policy import HitPolicy
+from hitmdp_jax.analysis.causal import IDENTICAL
+from hitmdp_jax.analysis.drawing import limit_of
 from hitmdp_jax.training.policy import Policy
 
-SHIFTS = np.arange(-10, 10) / 100  # -0.10, -0.09, ..., 0.09, as printed
+SPREAD = 1.0  # of the entries of W when training begins; colours of W reach as far at least
+SHIFTS = 2 * SPREAD * np.arange(-10, 11) / 10  # -2.0, -1.8, ..., 2.0
+TINY = 1e-6  # of an action
+# Standard deviations of an action that make two Gaussians practically identical.
+NOTICED = (2 * IDENTICAL) ** 0.5
 
 
 class Perturbation(NamedTuple):
@@ -24,7 +31,39 @@ class Perturbation(NamedTuple):
 
     shifts: np.ndarray  # [D]
     actions: np.ndarray  # [K, E, D, A] of option k with dimension e shifted
-    slopes: np.ndarray  # [K, E, A] their derivative where nothing is shifted, a unit of W
+    slopes: np.ndarray  # [K, E, A] their derivative where nothing is shifted, per unit of W
+    noise: np.ndarray  # [A] standard deviation of the policy's actions, mean over states
+
+    @property
+    def moved(self) -> np.ndarray:
+        """What the shifts change the mean actions by, [K, E, D, A]."""
+        here = int(np.abs(self.shifts).argmin())
+        return self.actions - self.actions[:, :, here : here + 1]
+
+    @property
+    def effects(self) -> np.ndarray:
+        """The largest change by each dimension, in standard deviations of the action, [K, E]."""
+        return (np.abs(self.moved) / np.maximum(self.noise, TINY)).max(axis=(2, 3))
+
+    @property
+    def negligible(self) -> bool:
+        """Whether no shift changes a mean action by what can be noticed."""
+        return bool(self.effects.max() < NOTICED)
+
+    @property
+    def limit(self) -> float:
+        """Where charts of the changes end: at the noise, or at the largest change if it is more."""
+        return limit_of(np.append(self.moved, self.noise), TINY)
+
+    @property
+    def summary(self) -> str:
+        """A sentence on how much the shifts change."""
+        most, by = self.effects.max(), np.abs(self.shifts).max()
+        end = ": practically nothing." if self.negligible else "."
+        return (
+            f"Shifts by up to {by:g} change mean actions by at most {most:.2g} standard deviations "
+            f"of the policy's actions{end}"
+        )
 
 
 def embeddings(policy: Policy) -> np.ndarray | None:
@@ -42,20 +81,22 @@ def perturb(policy: Policy, obs: ArrayLike, shifts: ArrayLike = SHIFTS) -> Pertu
     """
     if embeddings(policy) is None:
         return None
-    actions, slopes = _perturbed(policy, jnp.asarray(obs), jnp.asarray(shifts))
-    return Perturbation(np.asarray(shifts), np.asarray(actions), np.asarray(slopes))
+    found = _perturbed(policy, jnp.asarray(obs), jnp.asarray(shifts))
+    return Perturbation(np.asarray(shifts), *map(np.asarray, found))
 
 
 @jax.jit
-def _perturbed(policy: Policy, obs: jax.Array, shifts: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _perturbed(policy: Policy, obs: jax.Array, shifts: jax.Array) -> tuple[jax.Array, ...]:
     agent, params, states = policy.agent, policy.params, policy.normalized(obs)[:, None]
     num_options, width = params["embeddings"].shape
 
+    def policies(rows: jax.Array) -> Any:
+        """Return P(a | s, o) of all states and options [S, K] under embeddings [K, E]."""
+        return agent.policy(params | {"embeddings": rows}, states, jnp.arange(num_options))
+
     def decode(rows: jax.Array) -> jax.Array:
         """Return the mean actions [K, A] under embeddings [K, E]."""
-        every = jnp.arange(num_options)
-        policies = agent.policy(params | {"embeddings": rows}, states, every)
-        return policies.mean().mean(axis=0)
+        return policies(rows).mean().mean(axis=0)
 
     def along(dimension: jax.Array) -> jax.Array:
         moved = params["embeddings"] + shifts[:, None, None] * dimension  # [D, K, E]
@@ -65,7 +106,8 @@ def _perturbed(policy: Policy, obs: jax.Array, shifts: jax.Array) -> tuple[jax.A
     actions = jax.lax.map(along, jnp.eye(width))  # [E, K, D, A]
     # An option's actions depend on its own row alone.
     slopes = jnp.einsum("kake->kea", jax.jacrev(decode)(params["embeddings"]))
-    return actions.swapaxes(0, 1), slopes
+    noise = policies(params["embeddings"]).stddev()
+    return actions.swapaxes(0, 1), slopes, noise.reshape(-1, noise.shape[-1]).mean(axis=0)
 
 
 def strongest(slopes: ArrayLike) -> np.ndarray:
@@ -77,18 +119,23 @@ def strongest(slopes: ArrayLike) -> np.ndarray:
     return np.argsort(-np.abs(slopes).max(axis=-1), axis=-1, kind="stable")
 
 
-def sentences(slopes: ArrayLike, actuators: Sequence[str], most: int = 3) -> list[str]:
+def sentences(
+    found: Perturbation, option: int, actuators: Sequence[str], most: int = 3
+) -> list[str]:
     """Say what the strongest dimensions of an option do: "dimension 17 moves bthigh by +0.31 ...".
 
     Args:
-      slopes: [E, A] of one option.
+      found: what shifts do.
+      option: which.
       actuators: their names, A.
-      most: how many sentences.
+      most: how many sentences. There are fewer where fewer dimensions do what can be noticed, and
+        one that says so where none does.
     """
-    slopes = np.asarray(slopes)
-    said = []
+    slopes, said = found.slopes[option], []
     for dimension in strongest(slopes)[:most]:
+        if found.effects[option, dimension] < NOTICED:
+            continue
         actuator = int(np.abs(slopes[dimension]).argmax())
         by = slopes[dimension, actuator]
-        said.append(f"dimension {dimension} moves {actuators[actuator]} by {by:+.2g} a unit")
-    return said
+        said.append(f"dimension {dimension} moves {actuators[actuator]} by {by:+.2g} per unit")
+    return said or ["no dimension moves an actuator noticeably"]

@@ -141,6 +141,7 @@ def matrix(
     values: ArrayLike,
     rows: Sequence[str],
     columns: Sequence[str],
+    limit: float,
     *,
     axes: tuple[str, str] = ("", ""),
     signed: bool = False,
@@ -152,20 +153,18 @@ def matrix(
       values: the cells.
       rows: their names, R.
       columns: their names, C.
+      limit: where the colours end; nothing is to fill them that is tiny.
       axes: what columns and rows are.
       signed: zero is the middle of the colours.
       written: how the numbers stand in the cells; None leaves them out.
     """
-    values = np.asarray(values, np.float32)
-    known = np.abs(values[np.isfinite(values)])
-    most = float(known.max()) if known.size and known.max() > 0 else 1.0
     shown = figure(90 + max(26 * len(rows), 120))
     shown.add_heatmap(
-        z=values,
+        z=np.asarray(values, np.float32),
         x=list(columns),
         y=list(rows),
-        zmin=-most if signed else 0.0,
-        zmax=most,
+        zmin=-limit if signed else 0.0,
+        zmax=limit,
         colorscale=DIVERGING if signed else RISING,
         texttemplate=written and f"%{{z:{written}}}",
         colorbar={"thickness": 12},

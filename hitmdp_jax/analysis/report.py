@@ -17,11 +17,12 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from hitmdp_jax.analysis import ablation, causal, plots
-from hitmdp_jax.analysis.colors import shades, styles
+from hitmdp_jax.analysis.colors import Style, shades, styles
 from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
+from hitmdp_jax.analysis.drawing import limit_of
 from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.analysis.insight import Insight
-from hitmdp_jax.analysis.perturbation import sentences, strongest
+from hitmdp_jax.analysis.perturbation import SPREAD, sentences, strongest
 from hitmdp_jax.analysis.states import by_option, cosine_similarities
 from hitmdp_jax.analysis.statistics import (
     bootstrap_interval,
@@ -225,7 +226,8 @@ class RunReport:
                 for result in best[:SETTINGS]
             }
         switches = dict.fromkeys(runs, config.switch_at)
-        looks = styles({name: config.algo["name"] for name in runs})
+        algorithm: str = config.algo["name"]
+        looks = styles(dict.fromkeys(runs, algorithm))
         how = "episode_return", "episode return", looks, switches
         yield chart(plots.learning_curves(runs, *how))
         yield text("Thin lines are seeds, over the last 20 iterations each; the policy samples.")
@@ -251,7 +253,14 @@ class RunReport:
         yield table(rows)
         if K > 1:
             yield heading("Which option follows")
-            yield chart(plots.matrix(known.transitions, names, names, axes=("next", "now")))
+            yield chart(plots.matrix(known.transitions, names, names, 1.0, axes=("next", "now")))
+        if K > 1 and known.choices is not None:
+            yield heading("How probable the master policy's choice of each option is")
+            yield text(
+                "P(o_t | s_t, o_{t-1}), mean over the visited states after each option. What is "
+                "counted above was drawn with these probabilities."
+            )
+            yield chart(plots.matrix(known.choices, names, names, 1.0, axes=("next", "now")))
 
     def causes(self) -> Parts:
         """Show what happens if something else chooses the options, and how far they are apart."""
@@ -266,25 +275,28 @@ class RunReport:
         yield chart(plots.returns_by_choice(found, causal.effects(found), known.num_options))
         yield table(causal.table(found))
         yield heading("How far the options' actions are apart, in nats: mean over visited states")
-        yield chart(plots.matrix(known.divergence, names, names, written=".2g"))
+        limit = limit_of(known.divergence, causal.DISTINCT)
+        yield chart(plots.matrix(known.divergence, names, names, limit, written=".2g"))
+        yield text(causal.alike(known.divergence))
 
     def embeddings(self) -> Parts:
         """Show the embeddings, and what each of their dimensions does to the actions."""
         known = self.known
         if known.embeddings is None or known.perturbation is None:
             raise UsageError("This algorithm's options are no embeddings.")
-        W, slopes = known.embeddings, known.perturbation.slopes
+        W, found = known.embeddings, known.perturbation
         names, dimensions = options(len(W)), [str(e) for e in range(W.shape[1])]
         yield heading("Embeddings W")
-        axes = "dimension", ""
-        yield chart(plots.matrix(W, names, dimensions, axes=axes, signed=True, written=None))
+        how: Any = {"axes": ("dimension", ""), "signed": True, "written": None}
+        yield chart(plots.matrix(W, names, dimensions, limit_of(W, SPREAD), **how))
         if len(W) > 1:
             yield heading("Their cosine similarities")
-            yield chart(plots.matrix(cosine_similarities(W), names, names, signed=True))
+            yield chart(plots.matrix(cosine_similarities(W), names, names, 1.0, signed=True))
         yield heading("What a dimension does to the actions")
         yield explorer(known)
-        for k in known.by_usage[:2]:
-            said = sentences(slopes[k], known.names.actuators)
+        yield text(found.summary)
+        for k in known.by_usage[: 0 if found.negligible else 2]:
+            said = sentences(found, k, known.names.actuators)
             yield text(f"Option {k}: {'; '.join(said)}.")
 
     def states(self) -> Parts:
@@ -293,15 +305,10 @@ class RunReport:
         names = options(K)
         yield text("Visited states as the policy sees them, along their two principal components.")
         yield chart(plots.clusters(known.projection, known.states.option))
-        means = {
-            "The master's attention to each option, after each one": known.attention,
-            "The probability that each option ends, where each one acts": known.terminations,
-        }
-        groups = known.states.previous, known.states.option
-        for (title, values), group in zip(means.items(), groups, strict=True):
-            if values is not None and K > 1:
-                yield heading(title)
-                yield chart(plots.matrix(by_option(values, group), names, names))
+        if known.terminations is not None and K > 1:
+            yield heading("The probability that each option ends, where each one acts")
+            means = by_option(known.terminations, known.states.option)
+            yield chart(plots.matrix(means, names, names, 1.0))
 
     def film(self) -> Parts:
         """Show how an episode begins, the active option around it and as a strip below."""
@@ -326,18 +333,19 @@ def explorer(known: Insight) -> Markup:
     """Return the part in which a reader shifts a dimension and sees the actuators move."""
     found = known.perturbation
     assert found is not None
-    K, here = known.num_options, int(np.abs(found.shifts).argmin())
-    moved = found.actions - found.actions[:, :, here : here + 1]
-    digits = 4 - math.floor(math.log10(np.abs(moved).max() or 1.0))  # that a figure can show
+    colors = shades(len(known.names.actuators))
+    digits = 4 - math.floor(math.log10(found.limit))  # that a figure can show
     data: dict[str, Any] = {
         "shifts": found.shifts.round(2).tolist(),
-        "moved": moved.astype(float).round(digits).tolist(),
+        "moved": found.moved.astype(float).round(digits).tolist(),
+        "limit": found.limit,
         "order": strongest(np.abs(found.slopes).max(axis=0)).tolist(),
         "actuators": as_text(known.names.actuators),
-        "colors": shades(len(known.names.actuators)),
+        "lines": [Style(color, i % 3).plotly for i, color in enumerate(colors)],
         "first": int(known.by_usage[0]),
     }
-    return Markup(templates.get_template("explorer.html").render(data=data, options=options(K)))
+    parts = {"data": data, "options": options(known.num_options)}
+    return Markup(templates.get_template("explorer.html").render(**parts))
 
 
 def compare(runs: Mapping[str, tuple[Path, RunConfig]], commands: Mapping[str, str]) -> str:

@@ -121,6 +121,7 @@ OF_EPISODES: dict[str, Callable[[Insight], Figure]] = {
     "figure14": embedding_figures.figure14,
     "causal": insight_figures.causal_figure,
     "transitions": insight_figures.transitions_figure,
+    "choices": insight_figures.choices_figure,
     "divergence": insight_figures.divergence_figure,
     "attention": insight_figures.attention_figure,
     "terminations": insight_figures.terminations_figure,

@@ -37,8 +37,9 @@ of `--setting N` (0).
   figure14      the heaviest dimensions of two options
   causal        returns where something else chooses the options, and their table
   transitions   which option follows which
+  choices       how probable the master policy's choice of each option is, after each one
   divergence    how far the options' actions are apart
-  attention     what the master policy attends to
+  attention     what the master policy attends to, which is not yet its choice
   terminations  how probable it is that options end
   clusters      visited states in two dimensions
 """

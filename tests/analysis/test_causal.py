@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hitmdp_jax.agents import DAC
 from hitmdp_jax.analysis.causal import (
     Interventions,
+    alike,
     divergence,
     effects,
     intervene,
@@ -88,6 +89,25 @@ def test_shuffling_changes_the_order():
     alive = np.ones_like(option, bool)
     orders = {tuple(shuffled(option, alive, np.random.default_rng(i))[:, 0]) for i in range(30)}
     assert len(orders) == 6
+
+
+@pytest.mark.parametrize(
+    ("divergence", "said"),
+    [
+        (0.001 * (1 - np.eye(3)), "The options are practically identical: no two of them are 0.01"),
+        (0.48 * (1 - np.eye(3)), "No two options are practically identical"),
+        (
+            np.array([[0, 0.001, 1], [0.001, 0, 1], [1, 1, 0]]),
+            "Practically identical, less than 0.01 nats apart: options 0 and 1.",
+        ),
+        (
+            np.where(np.arange(6) == 5, 1.0, 0.001),
+            "options 0 and 1; 0 and 2; 0 and 3; 0 and 4; 1 and 2; 1 and 3; 4 more pairs.",
+        ),
+    ],
+)
+def test_options_that_are_practically_identical_are_named(divergence, said):
+    assert said in alike(np.broadcast_to(divergence, (divergence.shape[-1],) * 2))
 
 
 def test_divergence_is_the_mean_of_both_kls_over_states(key):

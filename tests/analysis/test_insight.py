@@ -2,6 +2,7 @@
 
 import functools
 import io
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -23,6 +24,7 @@ EPISODES = {
     "figure10": option_figures.figure10,
     "causal": insight_figures.causal_figure,
     "transitions": insight_figures.transitions_figure,
+    "choices": insight_figures.choices_figure,
     "divergence": insight_figures.divergence_figure,
     "clusters": insight_figures.clusters_figure,
 }
@@ -66,12 +68,52 @@ def test_every_answer_is_an_array_of_its_shape(embedded):
     assert embedded.transitions.shape == embedded.divergence.shape == (k, k)
     assert embedded.interventions.returns.shape == (4 + k, 3)
     assert embedded.embeddings.shape == (k, 5)
-    assert embedded.perturbation.actions.shape == (k, 5, 20, 1)
+    assert embedded.perturbation.actions.shape == (k, 5, 21, 1)
     assert embedded.attention.shape == (states, k)
     np.testing.assert_allclose(embedded.attention.sum(axis=1), 1.0, rtol=1e-5)
     assert embedded.projection.points.shape == (states, 2)
     assert embedded.terminations is None
     assert embedded.names.actuators == ("action[0]",)
+
+
+def test_choices_are_what_the_transitions_were_drawn_with(embedded):
+    """The mean of P(o_t | s_t, o_{t-1}) over the steps after each option, by a plain loop."""
+    recorded, k = embedded.trajectories, embedded.num_options
+    after = {i: [] for i in range(k)}
+    for n in range(3):
+        for t in range(1, Payment.episode_length):
+            after[int(recorded.option[t - 1, n])].append(recorded.option_probs[t, n])
+    expected = [np.mean(after[i], axis=0) if after[i] else np.full(k, np.nan) for i in range(k)]
+    np.testing.assert_allclose(embedded.choices, expected, rtol=1e-5)
+    np.testing.assert_array_equal(np.isnan(embedded.choices), np.isnan(embedded.transitions))
+
+
+def limits(figure):
+    return {image.get_clim() for axes in figure.axes for image in axes.images}
+
+
+@pytest.mark.parametrize(("size", "limit"), [(0.0015, 1.0), (0.48, 1.0), (48.0, 48.0)])
+def test_options_that_hardly_differ_look_it(size, limit):
+    known = SimpleNamespace(divergence=size * (1.0 - np.eye(2)), num_options=2)
+    figure = insight_figures.divergence_figure(known)
+    assert limits(figure) == {(0.0, limit)}
+    said = figure.get_suptitle()
+    assert said.startswith("The options are practically identical") == (size < 0.01)
+
+
+@pytest.mark.parametrize("name", ["figure5", "figure13", "figure14"])
+def test_all_changes_of_actions_have_one_scale(name, embedded):
+    """An untrained policy's embeddings move nothing: no colour may say that they do."""
+    found = embedded.perturbation
+    assert found.negligible
+    figure = getattr(embedding_figures, name)(embedded)
+    most = np.abs(embedded.embeddings).max()
+    changes = limits(figure) - {(-most, most)}
+    assert changes == {(-found.limit, found.limit)}
+    assert found.limit == found.noise.max() > 100 * np.abs(found.moved).max()
+    assert "practically nothing" in " ".join(
+        part.get_supxlabel() for part in (figure, *figure.subfigs)
+    ).replace("\n", " ")
 
 
 def test_an_answer_is_computed_once(embedded):
@@ -121,7 +163,7 @@ def test_one_dimension_is_chosen_or_the_strongest(embedded):
     assert f"dimension {strongest} of option {option}" in text
     text = drawn(embedding_figures.figure13(embedded, 0, 2))
     assert "dimension 2 of option 0" in text
-    assert f"{slopes[0, 2, 0]:+.3f}" in text
+    assert f"{slopes[0, 2, 0]:+z.3f}" in text
     with pytest.raises(UsageError, match="dimension = 5 must be a whole number from 0 to 4"):
         embedding_figures.figure13(embedded, 0, 5)
 

@@ -1,5 +1,6 @@
 import copy
 import dataclasses
+import html
 import re
 from html.parser import HTMLParser
 
@@ -7,7 +8,7 @@ import numpy as np
 from plotly.offline import get_plotlyjs
 
 from hitmdp_jax.analysis.names import Names
-from hitmdp_jax.analysis.report import RunReport, compare
+from hitmdp_jax.analysis.report import RunReport, compare, explorer
 from hitmdp_jax.commands.settings import Settings
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.sinks import CsvSink
@@ -52,9 +53,23 @@ def test_of_a_single_option_is_shown_what_it_has_to_show(tmp_path):
 
 def test_several_options_and_seeds_have_the_rest(tmp_path):
     page = page_of(tmp_path, 9, seeds=2)
-    assert {"Which option follows", "Their cosine similarities"} < set(headings(page))
+    assert {
+        "Which option follows",
+        "How probable the master policy's choice of each option is",
+        "Their cosine similarities",
+    } < {html.unescape(heading) for heading in headings(page)}
+    assert "attention" not in page
+    assert "The options are practically identical" in page
+    assert "practically nothing" in page
     assert "each of 2 trainings" in page
     assert "7.00 [7.00, 7.00] (interquartile mean, 95% interval)" in page
+
+
+def test_the_explorers_chart_ends_where_the_noise_of_the_actions_does():
+    known = insight_of_embeddings(9)
+    part = explorer(known)
+    assert f'"limit": {known.perturbation.limit}' in part
+    assert "range: [-1.05 * found.limit, 1.05 * found.limit]" in part
 
 
 class Tags(HTMLParser):
