@@ -22,8 +22,17 @@ ELSEWHERE = {  # what other packages call it -> what it is called here
 class UsageError(ValueError):
     """Bad input, explained in one sentence: what was wrong and which values are valid.
 
-    The command line prints the sentence alone and exits with code 2.
+    The command line prints the sentence alone and exits with code 2. Whatever names a file or a
+    stranger chose, a terminal takes none of it for a command.
     """
+
+    def __init__(self, sentence: object):
+        super().__init__(printable(str(sentence)))
+
+
+def printable(text: str) -> str:
+    """Return text in one line, its control characters spelled out as Python spells them."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def exit_with(error: UsageError) -> NoReturn:

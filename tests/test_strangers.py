@@ -22,7 +22,7 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training import loop
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.policy import extract, load_all
-from tests.test_bad_input import untrained
+from tests.probes import untrained
 
 PLANTED = """
 from pathlib import Path

@@ -1,6 +1,5 @@
 """Figures of a run, drawn from its metrics.csv alone."""
 
-import csv
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullForma
 
 from hitmdp_jax.analysis.colors import Style, color, option_color
 from hitmdp_jax.learning.options import mean_duration
+from hitmdp_jax.reading import read_numbers
 from hitmdp_jax.training.folder import FIGURES, METRICS, replaced, subfolder
 
 WINDOW = 20  # iterations a curve is smoothed over, as in the paper's figures
@@ -25,13 +25,16 @@ def read_metrics(run_dir: Path) -> dict[str, np.ndarray]:
 
     Rows belong together by their iteration, seed and setting, wherever they stand. A report that
     lacks a training's row is left out: a run that was killed, or still writes, leaves such a last
-    one, and a damaged file others. A run without a whole report has no columns.
+    one. A run without a whole report has no columns.
+
+    Raises:
+      UsageError: the file cannot be read, or a row is not one number a column.
     """
-    with (run_dir / METRICS).open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(line for line in file if line.endswith("\n")))
-    reports: dict[str, dict[tuple[float, float], dict[str, str]]] = {}
+    needed = ("iteration", "env_steps", "seed")
+    rows = read_numbers(run_dir / METRICS, needed, unfinished=True)
+    reports: dict[float, dict[tuple[float, float], dict[str, float]]] = {}
     for row in rows:
-        training = float(row.get("setting") or 0), float(row["seed"])
+        training = row.get("setting", 0.0), row["seed"]
         reports.setdefault(row["iteration"], {})[training] = row
     counts = Counter(frozenset(report) for report in reports.values())
     if not counts:
@@ -39,8 +42,7 @@ def read_metrics(run_dir: Path) -> dict[str, np.ndarray]:
     every = max(counts, key=lambda trainings: (counts[trainings], len(trainings)))
     whole = [report for report in reports.values() if report.keys() == every]
     return {
-        name: np.array([[float(of[i][name] or "nan") for of in whole] for i in sorted(every)])
-        for name in rows[0]
+        name: np.array([[of[i][name] for of in whole] for i in sorted(every)]) for name in rows[0]
     }
 
 

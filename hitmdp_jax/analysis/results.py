@@ -22,6 +22,7 @@ import yaml
 from hitmdp_jax.analysis.ablation import minutes_of, options_at_the_end
 from hitmdp_jax.analysis.comparison import final_returns, mean_return
 from hitmdp_jax.analysis.figures import read_metrics
+from hitmdp_jax.reading import read_numbers, read_yaml, unreadable
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import CONFIG, write
 
@@ -115,14 +116,21 @@ def _settle(folder: Path) -> None:
 
 
 def read(folder: Path) -> Cell | None:
-    """Return a published cell, or None where there is none."""
+    """Return a published cell, or None where there is none.
+
+    Raises:
+      UsageError: it cannot be read.
+    """
     _settle(folder)
     if not (folder / ABOUT).is_file():
         return None
+    about = read_yaml(folder / ABOUT)
+    if not isinstance(about, dict):
+        raise unreadable(folder / ABOUT, "it does not tell of a run")
     return Cell(
         RunConfig.load(folder),
-        _read(folder / SEEDS),
-        yaml.safe_load((folder / ABOUT).read_text(encoding="utf-8")),
+        _read(folder / SEEDS, "seed"),
+        about,
     )
 
 
@@ -135,9 +143,14 @@ def read_curve(folder: Path, switch_at: int | None) -> Columns:
     Args:
       folder: the cell's.
       switch_at: environment steps after which a transfer's second task began; None of one task.
+
+    Raises:
+      UsageError: they cannot be read.
     """
-    columns = _read(folder / CURVE)
+    columns = _read(folder / CURVE, "env_steps", "episode_return")
     size = int((columns["env_steps"] == columns["env_steps"][0]).sum())
+    if not size or len(columns["env_steps"]) % size:
+        raise unreadable(folder / CURVE, "its points are not those of so many curves")
     curves = {name: x.reshape(-1, size).T for name, x in columns.items()}
     if switch_at is not None:
         ends = curves["env_steps"]
@@ -244,10 +257,11 @@ def _both(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]
     return told | {"hours": round(first["hours"] + second["hours"], 2)}
 
 
-def _read(path: Path) -> Columns:
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
+def _read(path: Path, *needed: str) -> Columns:
+    rows = read_numbers(path, needed)
+    if not rows:
+        raise unreadable(path, "it holds no rows")
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def _write(path: Path, columns: Mapping[str, np.ndarray]) -> None:

@@ -4,6 +4,7 @@ import csv
 import io
 import itertools
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.commands.policies import add_checkpoint, load_named
 from hitmdp_jax.commands.settings import Parser, guarded
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.reading import read_rows
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig, Task
 from hitmdp_jax.training.folder import EVALUATIONS, write
@@ -27,6 +29,7 @@ from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.policy import Policy, places
 from hitmdp_jax.training.run import Run
+from hitmdp_jax.training.sinks.csv import kept_aside
 from hitmdp_jax.training.sweep import PREFIX, Training
 
 COLUMNS: tuple[str, ...] = (
@@ -134,16 +137,24 @@ def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:
 
     An older version left out some, and a transfer's second task may know of success alone.
     """
-    path, known = run_dir / EVALUATIONS, []
-    if path.exists():
-        with path.open(encoding="utf-8", errors="surrogateescape", newline="") as file:
-            known = list(csv.DictReader(file))
+    path = run_dir / EVALUATIONS
+    known = _known(path) if path.exists() else []
     columns = dict.fromkeys(name for one in (*rows[:1], *known[:1]) for name in one)
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore")
     writer.writeheader()
     writer.writerows([*known, *rows])
-    write(path, text.getvalue().encode("utf-8", "surrogateescape"))
+    write(path, text.getvalue())
+
+
+def _known(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a file; one that is damaged is kept aside, and that is said."""
+    try:
+        return [row for _, row in read_rows(path)]
+    except UsageError as error:
+        aside = kept_aside(path)
+        print(f"warning: {error} {aside.name} beside it keeps the damaged file.", file=sys.stderr)
+        return []
 
 
 class Evaluation:

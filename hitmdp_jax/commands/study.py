@@ -12,15 +12,13 @@ that the study names and that no command line of yours has named before.
 import dataclasses
 import time
 from pathlib import Path
-from typing import Any
-
-import yaml
 
 import hitmdp_jax
 from hitmdp_jax.analysis import ablation, tables
 from hitmdp_jax.commands.arms import last_of_each, train_arms, without_folder
 from hitmdp_jax.commands.settings import Settings, dispatched, folder_setting, writable
 from hitmdp_jax.errors import UsageError, unknown_name
+from hitmdp_jax.reading import read_yaml
 from hitmdp_jax.training.config import trust_named
 from hitmdp_jax.training.folder import made
 
@@ -89,10 +87,7 @@ def read(name: str) -> Study:
     path = Path(name) if name.endswith(".yaml") else STUDIES / f"{name}.yaml"
     if not path.is_file():
         raise unknown_name("study", name, names())
-    try:
-        content: Any = yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, ValueError, RecursionError):
-        content = None
+    content = read_yaml(path)
     fields = [field.name for field in dataclasses.fields(Study)]
     if not isinstance(content, dict) or set(content) != set(fields):
         raise UsageError(f"'{path}' is not a study: one has {', '.join(fields)}.")
@@ -105,7 +100,7 @@ def read(name: str) -> Study:
             "and the question are texts."
         )
     if study.control not in study.arms:
-        raise unknown_name("arm", study.control, study.arms)
+        raise unknown_name(f"arm of '{path}'", study.control, study.arms)
     return study
 
 

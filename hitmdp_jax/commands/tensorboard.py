@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import FIGURES, subfolder
@@ -38,7 +39,7 @@ class OptionFigures:
                 env_steps = run.config.steps_after(progress.iteration)
                 folder = subfolder(self._run_dir, FIGURES)
                 write_pictures(folder, {"option_durations": picture}, env_steps)
-        except OSError as error:  # a full disk ends no training
+        except (OSError, UsageError) as error:  # a full disk, a damaged row: they end no training
             print(f"warning: no figure in TensorBoard: {error}", file=sys.stderr)
         return {}
 

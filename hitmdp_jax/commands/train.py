@@ -203,8 +203,9 @@ def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
             tables.show(draw_sweep(run_dir, config)[: 1 + SHOWN])
         else:
             draw_figures(run_dir, config.title, config.algo["name"], config.switch_at)
-    except OSError as error:
-        print(f"warning: the figures could not be written: {error.strerror}", file=sys.stderr)
+    except (OSError, UsageError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        print(f"warning: the figures could not be drawn: {reason}", file=sys.stderr)
     for training, (iteration, cause) in outcome.diverged.items():
         print(
             f"{training.name} diverged at iteration {iteration}, when its {cause} ceased to be "

@@ -16,6 +16,7 @@ from hitmdp_jax.envs import check_engine, check_env, check_installed
 from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
+from hitmdp_jax.reading import read_yaml
 from hitmdp_jax.training.folder import CONFIG
 from hitmdp_jax.training.program import check_sizes, num_iterations
 from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
@@ -96,7 +97,8 @@ class RunConfig:
         for name in set(WHOLE) & set(values):
             values[name] = whole_number(name, values[name], WHOLE[name])
         # wandb=off is a bool to YAML
-        values["wandb"] = {False: "off"}.get(values.get("wandb", False), values.get("wandb"))
+        wandb = values.get("wandb", "off")
+        values["wandb"] = "off" if wandb is False else wandb
         if values["wandb"] not in WANDB:
             raise unknown_name("wandb", str(values["wandb"]), WANDB)
         for name in GROUPS:
@@ -288,10 +290,7 @@ class RunConfig:
         path = run_dir / CONFIG
         if not path.is_file():
             raise UsageError(f"'{run_dir}' is not a run's folder: it has no config.yaml.")
-        try:
-            settings = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except (yaml.YAMLError, UnicodeDecodeError):
-            settings = None
+        settings = read_yaml(path)
         if not isinstance(settings, dict):
             raise UsageError(f"'{path}' cannot be read: it does not hold a run's settings.")
         schema = settings.pop("schema", 0)

@@ -96,7 +96,7 @@ def test_no_point_of_a_curve_holds_episodes_of_both_tasks():
 def test_a_point_of_both_tasks_in_an_older_curve_is_not_shown(tmp_path):
     rows = ["seed,env_steps,episode_return"]
     rows += [f"{seed},{steps},{steps}" for steps in (100, 200, 300, 400) for seed in (0, 1)]
-    (tmp_path / "curve.csv").write_text("\n".join(rows))
+    (tmp_path / "curve.csv").write_text("\n".join([*rows, ""]))
     for switch_at, known in ((None, [1, 1, 1, 1]), (200, [1, 1, 1, 1]), (210, [1, 1, 0, 1])):
         curves = results.read_curve(tmp_path, switch_at)
         expected = np.where(known, [100.0, 200.0, 300.0, 400.0], np.nan)

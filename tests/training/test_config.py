@@ -163,10 +163,10 @@ def test_steps_of_a_run_of_schema_2_are_as_large_as_they_were(tmp_path, schema, 
         ("schema: x\nalgo: {name: ppo}\n", "written by a newer hitmdp_jax"),
         ("", "does not hold a run's settings"),
         ("- a\n- list\n", "does not hold a run's settings"),
-        ("algo: {name: ppo\n", "does not hold a run's settings"),
+        ("algo: {name: ppo\n", "cannot be read: line 2"),
         ("env: {name: halfcheetah}\n", "algo = None must hold a name"),
         ("algo: {name: ppo}\nfuture_setting: 1\n", "Unknown setting 'future_setting'"),
-        ("algo: !!python/object/apply:os.getcwd []\n", "does not hold a run's settings"),
+        ("algo: !!python/object/apply:os.getcwd []\n", "cannot be read: line 1: the tag"),
     ],
 )
 def test_settings_that_cannot_be_read_are_explained(tmp_path, text, sentence):

@@ -80,7 +80,7 @@ class CsvSink:
             if row and not good and line.endswith("\n")
         ]  # fmt: skip
         if damaged:
-            aside = _kept_aside(path)
+            aside = kept_aside(path)
             print(
                 f"warning: {len(damaged)} of the {len(rows)} rows of '{path}' cannot be read and "
                 f"are left out; {aside.name} beside it keeps the damaged file.",
@@ -103,7 +103,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _kept_aside(path: Path) -> Path:
+def kept_aside(path: Path) -> Path:
     """Copy a file beside itself, under a name that is free; return the copy."""
     numbers = itertools.chain([""], (f"_{n}" for n in itertools.count(2)))
     names = (path.with_name(f"{path.name}.damaged{number}") for number in numbers)

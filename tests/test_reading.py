@@ -1,0 +1,186 @@
+"""Every file that is read, damaged in every way: its content, or a sentence that names it."""
+
+import numpy as np
+import pytest
+import yaml
+
+from hitmdp_jax import machine
+from hitmdp_jax.analysis import results
+from hitmdp_jax.analysis.figures import read_metrics
+from hitmdp_jax.commands import evaluate, study
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.reading import read_numbers, read_yaml
+from hitmdp_jax.training.checkpoint import Checkpoints
+from hitmdp_jax.training.config import RunConfig
+
+TABLE = "iteration,env_steps,seed,episode_return\n1,2048,0,\n1,2048,1,2.5\n2,4096,0,1\n2,4096,1,3\n"
+RUN = {"schema": 3, "algo": {"name": "ppo", "gamma": 0.9}, "env": {"name": "toy/turkey"}}
+STUDY = {
+    "question": "?",
+    "control": "a",
+    "settings": ["env=toy/turkey"],
+    "arms": {"a": ["seeds=1"]},
+}
+READERS = {  # file -> its content, and what reads it
+    "config.yaml": (yaml.safe_dump(RUN), RunConfig.load),
+    "metrics.csv": (TABLE, read_metrics),
+    "made_with.txt": ("jax 0.10\njax 0.11\n", machine.made_with),
+    "evaluations.csv": (
+        "iteration,seed,return\n1,0,2.5\n",
+        lambda folder: evaluate.append(folder, [{"iteration": 2, "seed": 0, "return": 3.5}]),
+    ),
+    "about.yaml": ("hours: 1.0\ncommand: python train.py\n", results.read),
+    "seeds.csv": (TABLE, results.read),
+    "curve.csv": (TABLE, lambda folder: results.read_curve(folder, 2048)),
+    "study.yaml": (yaml.safe_dump(STUDY), lambda folder: study.read(str(folder / "study.yaml"))),
+    "checkpoints": (None, lambda folder: Checkpoints(folder, read_only=True).restore_policy()),
+}
+ANY = {
+    "empty": b"",
+    "binary": bytes(range(256)),
+    "not UTF-8": b"one: 1\nna\xefve: 2\n",
+    "zeros": b"\0" * 4096,
+    "one long line": b"a" * 200_000,
+    "brackets": b"[" * 3000,
+    "closed brackets": b"[" * 3000 + b"]" * 3000,
+    "quotes": b'"' * 999,
+    "a date": b"2020-02-30\n",
+    "a list": b"- 1\n- 2\n",
+    "escapes": b'"\\e[31m": "\\e]0;title\\a"\n',
+    "raw escapes": b"\x1b[31mred: 1\n",
+    "a tag": b"a: !!python/name:os.system\n",
+    "aliases": b"a: &a [1]\nb: &b [*a, *a]\n",
+    "digits": b"schema: " + b"9" * 5000,
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder that holds every file there is to read."""
+    for name, (text, _) in READERS.items():
+        if text is not None:
+            (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+def assert_read_or_explained(name, folder):
+    explained = str(folder)
+    try:
+        READERS[name][1](folder)
+    except UsageError as error:
+        explained = str(error)
+    except OSError as error:  # of which every command makes a sentence
+        explained = error.filename
+    assert str(folder) in explained
+    assert explained.isprintable()
+
+
+@pytest.mark.parametrize("damage", ANY)
+@pytest.mark.parametrize("name", READERS)
+def test_a_file_that_holds_something_else_is_explained(name, damage, folder):
+    (folder / name).write_bytes(ANY[damage])
+    assert_read_or_explained(name, folder)
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_file_that_is_torn_or_in_which_bits_changed_is_explained(name, folder):
+    rng = np.random.default_rng(0)
+    whole = (folder / name).read_bytes() if (folder / name).exists() else b""
+    for place in range(len(whole)):
+        changed = bytes([whole[place] ^ (1 << int(rng.integers(8)))])
+        for content in (whole[:place], whole[:place] + changed + whole[place + 1 :]):
+            (folder / name).write_bytes(content)
+            assert_read_or_explained(name, folder)
+
+
+@pytest.mark.parametrize("kind", ["a folder", "a link to itself", "gone"])
+@pytest.mark.parametrize("name", READERS)
+def test_what_is_no_file_is_explained(name, kind, folder):
+    (folder / name).unlink(missing_ok=True)
+    if kind == "a folder":
+        (folder / name).mkdir()
+    elif kind == "a link to itself":
+        (folder / name).symlink_to(name)
+    assert_read_or_explained(name, folder)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("a: 1\nb: [2\n", "line 3: expected ',' or ']'"),
+        ("a: 1\nb: !!set {a}\n", "line 2: the tag 'tag:yaml.org,2002:set' stands for something"),
+        ("a: 1\n\nb: &x 2\nc: *x\n", "line 4: an alias stands for something"),
+        ("a: 1\nb: " + "[" * 30 + "]" * 30, "line 2: more than 20 lists and mappings"),
+        ("a: 1\nb: " + "9" * 5000, "line 2: Exceeds the limit"),
+        ('a: 1\nb: "\\e[31m"\n', "line 2: a word holds a control character"),
+        ('"\\r": 1\n', "line 1: a word holds a control character"),
+        ("a: 1\nb: \x1b[31m\n", "line 2: it holds a control character"),
+    ],
+)
+def test_what_settings_cannot_hold_is_named_with_its_line(text, sentence, tmp_path):
+    path = tmp_path / "config.yaml"
+    path.write_text(text)
+    with pytest.raises(UsageError) as error:
+        read_yaml(path)
+    assert f"'{path}' cannot be read: {sentence}" in str(error.value)
+
+
+def test_settings_are_words_numbers_lists_and_mappings(tmp_path):
+    written = {"a": [1, 2.5, None, True, "word", "2020-02-30", "naïve"], "b": {"c": {}}, "d": "off"}
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump(written, allow_unicode=True), "utf-8")
+    assert read_yaml(tmp_path / "a.yaml") == written
+    (tmp_path / "a.yaml").write_text("day: 2020-02-28\n")
+    assert read_yaml(tmp_path / "a.yaml") == {"day": "2020-02-28"}
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("a,b\n1,2\n1,two\n", "line 3: b = two is not a number"),
+        ("a,b\n1,2\n1\n", "line 3: it has 1 cells, not 2"),
+        ("a,b\n1,2,3\n", "line 2: it has 3 cells, not 2"),
+        ('a,b\n1,"2\n3,4\n', "line 2: unexpected end of data"),
+        ("b,b\n1,2\n", "line 1: two columns have one name"),
+        ("a\n1\n", "line 1: no column is called 'b'"),
+        (f"a,b\n1,{'9' * 200_000}\n", "line 2: field larger than field limit"),
+    ],
+)
+def test_what_a_table_cannot_hold_is_named_with_its_line(text, sentence, tmp_path):
+    path = tmp_path / "metrics.csv"
+    path.write_text(text)
+    with pytest.raises(UsageError) as error:
+        read_numbers(path, needed=("b",))
+    assert f"'{path}' cannot be read: {sentence}" in str(error.value)
+
+
+def test_a_damaged_file_of_evaluations_is_kept_aside_and_a_new_one_is_begun(folder, capsys):
+    damaged = b"iteration,seed,return\n1,0,\xff\n"
+    (folder / "evaluations.csv").write_bytes(damaged)
+    READERS["evaluations.csv"][1](folder)
+    assert (folder / "evaluations.csv").read_text().split() == ["iteration,seed,return", "2,0,3.5"]
+    assert (folder / "evaluations.csv.damaged").read_bytes() == damaged
+    assert "line 2" in capsys.readouterr().err
+
+
+def test_a_last_row_without_its_end_is_left_out_where_a_program_may_have_been_killed(tmp_path):
+    path = tmp_path / "metrics.csv"
+    path.write_text("a,b\r\n1,\r\n3,4")
+    with pytest.raises(UsageError, match="line 3: it ends in the middle"):
+        read_numbers(path)
+    (row,) = read_numbers(path, unfinished=True)
+    assert row["a"] == 1
+    assert np.isnan(row["b"])
+
+
+JUNK = [None, True, 1.5, -1, "word", "2020-01-01", "", "~nouser/x.py:C"]
+JUNK += [[1], [[1]], {}, {"a": 1}, {1: 2}]
+
+
+@pytest.mark.parametrize("junk", JUNK, ids=repr)
+def test_a_setting_of_another_kind_is_explained(junk, tmp_path):
+    good = RunConfig.from_mapping({k: x for k, x in RUN.items() if k != "schema"}).to_dict()
+    for group, names in {"": [*good, "schema"], "algo": good["algo"], "env": good["env"]}.items():
+        for name in names:
+            settings = {**good, **({group: good[group] | {name: junk}} if group else {name: junk})}
+            (tmp_path / "config.yaml").write_text(yaml.safe_dump(settings))
+            assert_read_or_explained("config.yaml", tmp_path)
