@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from hitmdp_jax.commands.settings import Settings
+from hitmdp_jax.commands.settings import Settings, quoted
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.claim import already_there, is_finished
 from hitmdp_jax.training.config import RunConfig
@@ -48,10 +48,8 @@ def train_arms(arms: Mapping[str, Sequence[str]], folder: Path, trust: bool = Tr
         if known[arm] and is_finished(run_dir, configs[arm]):
             print(f"{arm}: taken from {run_dir}", flush=True)
             continue
-        name = str(run_dir).replace("'", r"\'")  # quoted: an arm's name may hold a comma
-        where = (
-            [f"resume='{name}'", "trust=true"] if known[arm] else [*arms[arm], f"run_dir='{name}'"]
-        )
+        name = quoted(str(run_dir))
+        where = [f"resume={name}", "trust=true"] if known[arm] else [*arms[arm], f"run_dir={name}"]
         # What arms are trained for reports on all of them.
         code = train(last_of_each([*where, "report=false"]))
         if code > 128:

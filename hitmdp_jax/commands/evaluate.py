@@ -18,8 +18,9 @@ from hitmdp_jax.analysis.causal import WITHOUT_EACH_OPTION, summary
 from hitmdp_jax.analysis.directed import number_of_options
 from hitmdp_jax.analysis.evaluation import ENGINES, Scores, check_request, score_each, task_env
 from hitmdp_jax.analysis.insight import Insight
+from hitmdp_jax.commands.guard import guarded
 from hitmdp_jax.commands.policies import add_checkpoint, load_named
-from hitmdp_jax.commands.settings import Parser, guarded
+from hitmdp_jax.commands.settings import Parser
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.reading import read_rows
 from hitmdp_jax.training.checkpoint import Progress
@@ -89,19 +90,22 @@ def _main() -> None:
         for i, key in enumerate(keys):
             insight = Insight(policies.of(i), env, key, options.episodes)
             choices.append(summary(insight.interventions))
-    append(options.run_dir, rows)
     if options.json:
         both = itertools.zip_longest(rows, choices, fillvalue={})
         print(json.dumps([entry | choice for entry, choice in both], indent=2))
-        return
-    index = list(config.trainings[0].columns)
+    else:
+        title = f"{plugins.label(task['name'])} in {engine}"
+        _show(title, list(trainings[0].columns), rows, choices)
+    _note(options.run_dir, rows)
+
+
+def _show(
+    title: str, index: list[str], rows: list[dict[str, Any]], choices: list[dict[str, float]]
+) -> None:
+    """Print the scores, and those under other choices of options where there are any."""
     numbers = ["return", "std", "min", "max", "std error", "length"]
     numbers += ["success"] if "success" in rows[0] else []
-    table = Table(
-        *(name.removeprefix(PREFIX) for name in index),
-        *numbers,
-        title=f"{plugins.label(task['name'])} in {engine}",
-    )
+    table = Table(*(name.removeprefix(PREFIX) for name in index), *numbers, title=title)
     for entry in rows:
         numbers = [entry[name] for name in ("return", "std", "min", "max", "std_error")]
         shown = ("-" if x is None else f"{x:,.1f}" for x in numbers)
@@ -157,6 +161,17 @@ def _known(path: Path) -> list[dict[str, str]]:
         return []
 
 
+def _note(run_dir: Path, rows: list[dict[str, Any]]) -> None:
+    """Append rows, or say why that cannot be done: the scores themselves are known."""
+    try:
+        append(run_dir, rows)
+    except OSError as error:
+        print(
+            f"warning: the scores could not be written to '{error.filename}': {error.strerror}.",
+            file=sys.stderr,
+        )
+
+
 class Evaluation:
     """Scores every policy while a run trains: whole episodes of the deterministic one.
 
@@ -190,7 +205,7 @@ class Evaluation:
             row(of_one, progress.iteration, task, training, config.physics, True)
             for of_one, training in zip(scores, config.trainings, strict=True)
         ]
-        append(self._run_dir, rows)
+        _note(self._run_dir, rows)
         return {"evaluation_return": np.array([entry["return"] for entry in rows])}
 
     def close(self, stop: StopRequest) -> None:

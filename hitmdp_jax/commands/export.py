@@ -14,8 +14,9 @@ from brax.envs.base import Env
 
 from hitmdp_jax.analysis.evaluation import check_fit
 from hitmdp_jax.analysis.export import FORMATS, check_format, export
+from hitmdp_jax.commands.guard import guarded
 from hitmdp_jax.commands.policies import Chosen, add_choice, load_chosen
-from hitmdp_jax.commands.settings import Parser, guarded, writable
+from hitmdp_jax.commands.settings import Parser, writable
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.brax_tasks import BRAX
 from hitmdp_jax.training.config import RunConfig

@@ -15,7 +15,8 @@ import numpy as np
 from hitmdp_jax.analysis.trajectories import Trajectories, record
 from hitmdp_jax.commands.command_line import command_line
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
-from hitmdp_jax.commands.settings import Parser, guarded, writable
+from hitmdp_jax.commands.guard import guarded
+from hitmdp_jax.commands.settings import Parser, writable
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training import folder

@@ -56,7 +56,8 @@ from hitmdp_jax.analysis.comparison import compare, comparison_figure, table
 from hitmdp_jax.analysis.figures import save
 from hitmdp_jax.commands import figures, suites
 from hitmdp_jax.commands.arms import named, train_arms, without_folder
-from hitmdp_jax.commands.settings import Settings, dispatched, folder_setting
+from hitmdp_jax.commands.guard import dispatched
+from hitmdp_jax.commands.settings import Settings, folder_setting
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.plugins import label
 from hitmdp_jax.training.config import RunConfig

@@ -4,13 +4,10 @@ import argparse
 import copy
 import functools
 import itertools
-import logging
 import math
-import os
-import sys
+import re
 import tempfile
-import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -24,7 +21,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 import hitmdp_jax
 from hitmdp_jax import plugins
-from hitmdp_jax.errors import UsageError, exit_with, out_of_domain, unknown_name
+from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.config import RunConfig, trust_named
 
 HOST_SETTINGS = (
@@ -37,6 +34,7 @@ HOST_SETTINGS = (
 )  # of the command line, not of the run
 OWN_GROUPS = ("env", "algo")  # whose choice may be path/to/file.py:Class
 OWN = "own"  # the choice that stands for it
+PATHS = ("run_dir", "resume")  # whose value is taken as it is, whatever letters it has
 MOST_JOBS = 10_000  # of -m
 HELP = "python train.py --help"  # which lists groups, choices and settings
 # Of Hydra's own settings those that a run with -m heeds; the group -> the choices that an
@@ -50,46 +48,6 @@ HYDRA_GROUPS = {
 def configs() -> Path:
     """Return the folder of settings, which a wheel brings as well."""
     return Path(hitmdp_jax.__file__).parent / "configs"
-
-
-def guarded(command: Callable[[], int | None]) -> None:
-    """Run a command line: one sentence and exit code 2 where its user or the disk is at fault."""
-    threading.excepthook = _say_in_a_line
-    logging.getLogger("absl").setLevel(logging.CRITICAL)  # what Orbax logs, `Checkpoints` says
-    try:
-        code = command()
-    except UsageError as error:
-        exit_with(error)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # who read it has gone
-        sys.exit(1)
-    except OSError as error:
-        if error.filename is None:
-            raise  # not a file's fault
-        exit_with(UsageError(f"'{error.filename}' cannot be used: {error.strerror}."))
-    if code:
-        sys.exit(code)
-
-
-def dispatched(usage: Callable[[], str], command: Callable[[str, list[str]], int]) -> None:
-    """Run a command line `NAME [argument ...]`; without a name, print its usage."""
-
-    def run() -> int:
-        arguments = sys.argv[1:]
-        if not arguments or {"-h", "--help"} & set(arguments):
-            print(usage())
-            return 0
-        return command(arguments[0], arguments[1:])
-
-    guarded(run)
-
-
-def _say_in_a_line(args: threading.ExceptHookArgs) -> None:
-    """Report what ended a thread that writes in the background: a full disk needs no traceback."""
-    if isinstance(args.exc_value, OSError):
-        print(f"warning: {args.exc_value}", file=sys.stderr)
-    else:
-        threading.__excepthook__(args)
 
 
 class Parser(argparse.ArgumentParser):
@@ -126,7 +84,7 @@ class Settings:
     def __init__(self, arguments: Sequence[str], multirun: bool = False):
         self.folder = configs()
         self.groups = {p.name: _choices(p) for p in self.folder.iterdir() if p.is_dir()}
-        parsed = [_parse(text) for text in arguments]
+        parsed = [_parse(_literal(text, multirun)) for text in arguments]
         _check_form(parsed, multirun)
         own = {o.key_or_group for o in parsed if _is_own(o)}
         self.overrides: list[str] = []  # as Hydra reads them
@@ -135,7 +93,7 @@ class Settings:
             name = override.get_key_element().lstrip("+~")
             text = override.input_line or ""
             if name in own:
-                paths = [f"'{plugins.absolute(choice)}'" for choice in _listed(override)]
+                paths = [quoted(plugins.absolute(choice)) for choice in _listed(override)]
                 self.overrides += [f"{name}={OWN}", f"++{name}.name={','.join(paths)}"]
             elif name.split(".")[0] in own:
                 self.overrides.append(f"++{text.lstrip('+')}")
@@ -276,7 +234,17 @@ def folder_setting(values: dict[str, Any], name: str = "run_dir") -> Path | None
     named = isinstance(value, str | int | float) and not isinstance(value, bool)
     if not named or not str(value).strip():
         raise UsageError(f"{name} = {value!r} names no folder.")
-    return Path(str(value)).expanduser()
+    try:
+        str(value).encode()
+    except UnicodeEncodeError:  # whatever writes checkpoints takes no other names
+        raise UsageError(
+            f"{name} = {value!a} cannot be read as UTF-8 here: set LC_ALL=C.UTF-8, or name "
+            "another folder."
+        ) from None
+    try:
+        return Path(str(value)).expanduser()
+    except RuntimeError:
+        raise UsageError(f"{name} = {value} begins with the home of an unknown user.") from None
 
 
 def flag_setting(values: dict[str, Any], name: str) -> bool:
@@ -289,6 +257,24 @@ def flag_setting(values: dict[str, Any], name: str) -> bool:
     if not isinstance(value, bool):
         raise out_of_domain(name, value, "true or false")
     return value
+
+
+def quoted(value: str) -> str:
+    """Return a value as Hydra reads it letter for letter, such as a path with a space or a comma.
+
+    What is quoted already, and `null`, stays as it is.
+    """
+    if value in ("", "null") or re.fullmatch(r"'.*'|\".*\"", value, re.DOTALL):
+        return value
+    return "'" + re.sub(r"(\\*)('|$)", lambda m: 2 * m[1] + (m[2] and "\\'"), value) + "'"
+
+
+def _literal(text: str, multirun: bool) -> str:
+    """Return an argument in which a path is quoted, but for a list of them that -m takes."""
+    name, _, value = text.partition("=")
+    is_path = name in PATHS or (name in OWN_GROUPS and plugins.is_own(value))
+    listed = value in ("true", "false") or (multirun and "," in value)
+    return f"{name}={quoted(value)}" if is_path and not listed else text
 
 
 def _parse(text: str) -> Override:

@@ -16,7 +16,8 @@ from pathlib import Path
 import hitmdp_jax
 from hitmdp_jax.analysis import ablation, tables
 from hitmdp_jax.commands.arms import last_of_each, train_arms, without_folder
-from hitmdp_jax.commands.settings import Settings, dispatched, folder_setting, writable
+from hitmdp_jax.commands.guard import dispatched
+from hitmdp_jax.commands.settings import Settings, folder_setting, writable
 from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.reading import read_yaml
 from hitmdp_jax.training.config import trust_named

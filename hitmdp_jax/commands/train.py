@@ -14,12 +14,13 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from hitmdp_jax import plugins
+from hitmdp_jax.commands.guard import guarded
 from hitmdp_jax.commands.settings import (
     Settings,
     configs,
     flag_setting,
     folder_setting,
-    guarded,
+    quoted,
     run_config,
 )
 from hitmdp_jax.commands.tensorboard import OptionFigures
@@ -53,9 +54,10 @@ def main() -> None:
         settings = Settings([a for a in arguments if not a.startswith("-")], multirun)
         swept, overrides = settings.swept(), settings.overrides
         if multirun:
-            overrides = [*overrides, f"hydra.sweep.dir={_sweep_folder(settings)}"]
+            overrides = [*overrides, f"hydra.sweep.dir={quoted(str(_sweep_folder(settings)))}"]
         elif not flags:
-            guarded(lambda: train(settings.values(), [o.split("=")[0] for o in overrides]))
+            names = [o.split("=")[0] for o in overrides]
+            guarded(lambda: train(settings.values(), names), shows=False)
             return
     except UsageError as error:
         exit_with(error)
@@ -73,14 +75,14 @@ def main() -> None:
             plain["run_dir"] = str(Path(hydra_config.sweep.dir) / label)
             print(f"job {hydra_config.job.num + 1}: {label}", flush=True)
         given = [o.split("=")[0] for o in names]
-        guarded(lambda: codes.append(train(plain, given, go_on=bool(swept))))
+        guarded(lambda: codes.append(train(plain, given, go_on=bool(swept))), shows=False)
         if codes[-1] > 128:
             sys.exit(codes[-1])  # who stops one job means the sweep
         return final_return(Path(plain["run_dir"])) if swept else None
 
     sys.argv = [sys.argv[0], *flags, *overrides]
     run = hydra.main(version_base="1.3", config_path=str(configs()), config_name="config")(job)
-    guarded(lambda: run() or max(codes))
+    guarded(lambda: run() or max(codes), shows=bool(flags) and not multirun)
 
 
 def _unknown_flag(flag: str) -> UsageError:
@@ -189,10 +191,10 @@ def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
         os._exit(128 + stop.signum)  # the compiler's thread cannot be stopped otherwise
     if not processes.is_first():
         return 128 + outcome.signum if outcome.signum else DIVERGED if outcome.diverged else 0
-    where = f"Stopped at {outcome.env_steps:,} env steps, saved"
-    print(f"{where if outcome.signum else 'Saved'} in {run_dir}.")
     if outcome.failure:
         raise UsageError(f"The last state is not saved: {outcome.failure}")
+    where = f"Stopped at {outcome.env_steps:,} env steps, saved"
+    print(f"{where if outcome.signum else 'Saved'} in {run_dir}.")
     # Matplotlib and SciPy take seconds to import, in which the training could run already.
     from hitmdp_jax.analysis import tables
     from hitmdp_jax.analysis.figures import draw_figures

@@ -18,8 +18,9 @@ from hitmdp_jax import plugins
 from hitmdp_jax.analysis.evaluation import check_fit
 from hitmdp_jax.analysis.trajectories import record
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
+from hitmdp_jax.commands.guard import guarded
 from hitmdp_jax.commands.policies import add_choice, load_chosen
-from hitmdp_jax.commands.settings import Parser, guarded, writable
+from hitmdp_jax.commands.settings import Parser, writable
 from hitmdp_jax.envs import check_env, make_env
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.envs.physics import find_engine

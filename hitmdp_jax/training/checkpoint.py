@@ -193,8 +193,10 @@ class Checkpoints:
     def close(self) -> None:
         """Wait until everything is written."""
         self._attempt(self._manager.wait_until_finished)
-        if self._wanted in self._manager.all_steps():
+        if (self.folder / str(self._wanted)).is_dir():
             self.failure = None  # what failed before has been made up for
+        elif self._wanted >= 0 and self.failure is None:
+            self.failure = f"'{self.folder}' has been moved or removed."
         self._attempt(self._manager.close)
 
     def _written(self) -> list[int]:

@@ -129,14 +129,14 @@ def already_there(run_dir: Path, config: RunConfig) -> bool:
 
 
 def newest(root: Path = RUNS) -> Path:
-    """Return the run under a folder that was written last.
+    """Return the run under a folder that was written last, of those that have saved something.
 
     Raises:
       UsageError: there is none.
     """
-    runs = [path.parent for path in root.rglob(CONFIG)]
+    runs = [path.parent for path in root.rglob(CONFIG) if saved_iterations(path.parent)]
     if not runs:
-        raise UsageError(f"resume=latest finds no run under '{root}'.")
+        raise UsageError(f"resume=latest finds no run under '{root}' that has saved anything.")
     files = (METRICS, CONFIG)
     times = {run: [(run / f).stat().st_mtime for f in files if (run / f).exists()] for run in runs}
     return max(runs, key=lambda run: max(times[run]))

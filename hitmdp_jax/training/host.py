@@ -1,5 +1,6 @@
 """How a command line sets JAX up on its machine, before the first computation."""
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -10,7 +11,6 @@ from hitmdp_jax.envs.vector import RESET_CHUNK
 from hitmdp_jax.machine import available_cores
 from hitmdp_jax.training.devices import num_shards
 
-CACHE = Path.home() / ".cache" / "hitmdp_jax"
 THREADS_PER_CORE = 4
 
 
@@ -37,7 +37,9 @@ def set_up_host(physics: str, num_envs: int, trainings: int = 1, data_devices: i
     devices = shards * data_devices
     jax.config.update("jax_num_cpu_devices", devices)
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        jax.config.update("jax_compilation_cache_dir", str(CACHE))
+        with contextlib.suppress(RuntimeError):  # a user without a home keeps nothing
+            cache = Path.home() / ".cache" / "hitmdp_jax"
+            jax.config.update("jax_compilation_cache_dir", str(cache))
     rows = max(num_envs // data_devices, RESET_CHUNK) * -(-trainings // shards)
     safe = find_engine(physics).safe_rows
     unsafe = safe is not None and rows > safe

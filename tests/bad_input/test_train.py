@@ -171,7 +171,6 @@ TRAIN = [
     ("env=brax/ant +env.backend=cuda", "Could not append"),
     # Folders
     ("run_dir=", "run_dir = '' names no folder"),
-    ("run_dir=[a]", "run_dir = ['a'] names no folder"),
     ("run_dir=true", "run_dir = True names no folder"),
     ("run_dir=run", "'run' holds a run already"),
     ("run_dir=run overwrite=maybe", "overwrite"),

@@ -99,13 +99,13 @@ def start(variables, tmp_path):
     """Start `python -m hitmdp_jax.<name> ...` and return the process."""
     processes = []
 
-    def begin(name, *arguments):
+    def begin(name, *arguments, stdout=subprocess.PIPE):
         with signals_heard():
             process = subprocess.Popen(
                 [sys.executable, "-m", f"hitmdp_jax.{name}", *map(str, arguments)],
                 cwd=tmp_path,
                 env=os.environ | variables,
-                stdout=subprocess.PIPE,
+                stdout=stdout,
                 stderr=subprocess.PIPE,
                 text=True,
             )
@@ -114,8 +114,8 @@ def start(variables, tmp_path):
 
     yield begin
     for process in processes:
-        process.kill()
-        process.communicate()
+        with process:
+            process.kill()
 
 
 @pytest.fixture(scope="package")

@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 
 import jax
 import numpy as np
@@ -27,6 +28,7 @@ from tests.commands.conftest import (
     signal_after_rows,
     wait_for_rows,
 )
+from tests.signals import signals_heard
 
 
 def restore(run_dir):
@@ -182,6 +184,24 @@ def test_a_signal_saves_what_was_learned(command, tmp_path, signum, code):
     assert "Traceback" not in result.stderr
     steps = int(rows_of(run_dir)[-1]["env_steps"])
     assert max(saved_iterations(run_dir)) * 2048 == steps
+
+
+def test_a_run_whose_folder_is_moved_away_does_not_claim_to_be_saved_there(command, tmp_path):
+    run_dir = tmp_path / "run"
+
+    def move():
+        wait_for_rows(run_dir, 3)
+        run_dir.rename(tmp_path / "elsewhere")
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with signals_heard():
+        threading.Thread(target=move, daemon=True).start()
+        result = command("train", *QUICK, "total_steps=1e9", f"run_dir={run_dir}")
+    assert result.returncode == 2, result.stderr
+    assert "The last state is not saved" in result.stderr
+    assert "saved in" not in result.stdout
+    assert "Traceback" not in result.stderr
+    assert not run_dir.exists()
 
 
 def test_a_second_signal_stops_at_once(start, tmp_path):

@@ -93,8 +93,11 @@ def test_a_keyword_that_an_older_run_did_not_have_yet_is_at_its_default(tmp_path
 def test_the_newest_run_is_found(tmp_path):
     with pytest.raises(UsageError, match="finds no run"):
         newest(tmp_path)
-    claim(tmp_path / "a" / "b", CONFIG)
-    claim(tmp_path / "c", CONFIG)
+    for run_dir in (tmp_path / "a" / "b", tmp_path / "c"):
+        claim(run_dir, CONFIG)
+        (run_dir / "checkpoints" / "1").mkdir(parents=True)
+    claim(tmp_path / "d", CONFIG)  # of which "nothing to save" was said
+    os.utime(tmp_path / "d" / "config.yaml", (3e9, 3e9))
     (tmp_path / "a" / "b" / "metrics.csv").write_text("")
     os.utime(tmp_path / "a" / "b" / "metrics.csv", (2e9, 2e9))
     assert newest(tmp_path) == tmp_path / "a" / "b"

@@ -160,3 +160,30 @@ def test_the_names_of_a_runs_files_are_spelled_in_one_place():
                 assert not (isinstance(right, ast.Constant) and right.value in spelled), (
                     f"{path}:{node.lineno} spells a run's {right.value!r}"
                 )
+
+
+# What is no file of a run, a page, a video, an export or a result, or is not written by path.
+OTHERS = {
+    "analysis/figures.py": "savefig",  # into the file that `replaced` gives
+    "commands/guard.py": "open",  # nothing
+    "commands/settings.py": "open",  # only tries whether it could
+    "commands/study.py": "open",  # adds to the user's own notebook
+    "plugins.py": "open",  # notes whom this user trusts, in a file of this user's
+    "commands/video.py": "open",  # what a process says, in a temporary folder
+}
+
+
+def test_files_are_written_in_one_place():
+    """What holds of `replaced`, at a kill or on a full disk, so holds of every file."""
+    package, found = Path(hitmdp_jax.__file__).parent, {}
+    for path in package.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(node, ast.Call):
+                continue
+            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+            modes = [x.value for x in node.args if isinstance(x, ast.Constant)]
+            writes = any(isinstance(x, str) and set(x) & set("wax") and len(x) < 4 for x in modes)
+            if name in ("write_text", "write_bytes", "savefig") or (name == "open" and writes):
+                found[str(path.relative_to(package))] = name
+    del found["training/folder.py"]
+    assert found == OTHERS

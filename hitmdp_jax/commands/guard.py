@@ -1,0 +1,121 @@
+"""How every command line ends: with a sentence where its user, the disk or the terminal fails."""
+
+import errno
+import logging
+import os
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any, TextIO
+
+from hitmdp_jax.errors import UsageError, exit_with
+
+# Errors of the machine that name no file, and need no traceback.
+OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE)
+
+
+def guarded(command: Callable[[], int | None], shows: bool = True) -> None:
+    """Run a command line: one sentence and exit code 2 where its user or the disk is at fault.
+
+    Args:
+      command: returns the exit code.
+      shows: whether what it prints is what it is for: where that is lost, the exit code is 1.
+    """
+    threading.excepthook = _say_in_a_line
+    logging.getLogger("absl").setLevel(logging.CRITICAL)  # what Orbax logs, `Checkpoints` says
+    output = sys.stdout = Output(_opened(sys.stdout))
+    try:
+        _check_working_directory()
+        code = command()
+    except UsageError as error:
+        exit_with(error)
+    except OSError as error:
+        if error.filename is not None:
+            exit_with(UsageError(f"'{error.filename}' cannot be used: {error.strerror}."))
+        if error.errno not in OF_THE_MACHINE:
+            raise
+        exit_with(UsageError(f"This machine cannot go on: {error.strerror}."))
+    finally:
+        output.flush()
+        sys.stdout = output.stream
+    if code or (shows and output.failed):
+        sys.exit(code or 1)
+
+
+def dispatched(usage: Callable[[], str], command: Callable[[str, list[str]], int]) -> None:
+    """Run a command line `NAME [argument ...]`; without a name, print its usage."""
+
+    def run() -> int:
+        arguments = sys.argv[1:]
+        if not arguments or {"-h", "--help"} & set(arguments):
+            print(usage())
+            return 0
+        return command(arguments[0], arguments[1:])
+
+    guarded(run)
+
+
+class Output:
+    """Standard output that ends nothing: once it fails, which is said, what is written is dropped.
+
+    Whoever read a pipe may have gone, a disk may be full. Letters that a terminal does not know are
+    written as question marks.
+
+    Args:
+      stream: the stream that it stands for.
+    """
+
+    def __init__(self, stream: TextIO):
+        self.stream, self.failed = stream, False
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")  # pyright: ignore
+
+    def write(self, text: str) -> int:
+        """Write, or drop, some text."""
+        self._attempt(lambda: self.stream.write(text))
+        return len(text)
+
+    def flush(self) -> None:
+        """Hand over what was written."""
+        self._attempt(self.stream.flush)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+    def _attempt(self, action: Callable[[], object]) -> None:
+        if self.failed:
+            return
+        try:
+            action()
+        except OSError as error:
+            self.failed = True
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())  # for what is kept back
+            if not isinstance(error, BrokenPipeError):  # who read it has gone, as `head` does
+                print(f"warning: nothing more can be printed: {error.strerror}", file=sys.stderr)
+
+
+def _opened(stream: TextIO | None) -> TextIO:
+    """Return a standard stream; where it was closed, nothing, so that no file takes its number."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    return stream or open(os.devnull, "w")
+
+
+def _check_working_directory() -> None:
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise UsageError(
+            "The working directory has been deleted: change to one that is there."
+        ) from None
+
+
+def _say_in_a_line(args: threading.ExceptHookArgs) -> None:
+    """Report what ended a thread that writes in the background: a full disk needs no traceback."""
+    if isinstance(args.exc_value, OSError):
+        print(f"warning: {args.exc_value}", file=sys.stderr)
+    else:
+        threading.__excepthook__(args)
