@@ -24,7 +24,7 @@ SETTINGS, VIDEOS, WANDB = "settings", "videos", "wandb"
 
 FOLDERS = (CHECKPOINTS, EXPORT, FIGURES, SETTINGS, VIDEOS, WANDB)
 FILES = (
-    EVALUATIONS, f"{METRICS}*", MADE_WITH, REPORT, f"{SWEEP}.csv", f"{SWEEP}.md",
+    f"{EVALUATIONS}*", f"{METRICS}*", MADE_WITH, REPORT, f"{SWEEP}.csv", f"{SWEEP}.md",
     f"{EVENTS}.out.tfevents.*", ".*.tmp", CONFIG,
 )  # fmt: skip
 
