@@ -11,6 +11,7 @@ from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
 
 from hitmdp_jax.analysis.drawing import annotate, heat_map, limit_of, number_options
+from hitmdp_jax.analysis.figures import plain
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.analysis.perturbation import SPREAD, Perturbation, strongest
 from hitmdp_jax.analysis.states import cosine_similarities
@@ -154,7 +155,7 @@ def _effect(
     half = (shifts[1] - shifts[0]) / 2
     extent = (shifts[0] - half, shifts[-1] + half, len(actuators) - 0.5, -0.5)
     image = heat_map(axes, moves.T, perturbed.limit, signed=True, extent=extent)
-    axes.set_yticks(range(len(actuators)), actuators)
+    axes.set_yticks(range(len(actuators)), list(map(plain, actuators)))
     axes.set(xlabel="shift of W", xticks=(shifts[0], 0.0, shifts[-1]))
     beside = {"transform": axes.get_yaxis_transform(), "va": "center", "fontsize": "small"}
     axes.text(1.02, 1.03, "slope", transform=axes.transAxes, fontsize="small")

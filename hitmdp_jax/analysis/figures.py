@@ -80,6 +80,11 @@ def smooth(
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
+def plain(name: str) -> str:
+    """Return a name that Matplotlib shows as it stands: between dollars it reads a formula."""
+    return name.replace("$", r"\$")
+
+
 def plain_log(axis: Axis) -> None:
     """Label a logarithmic axis 1, 2, 5, 10, 20, ... instead of by powers of ten."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -112,7 +117,7 @@ def draw_mean(
     """Draw the mean and standard deviation of seeds' curves [S, n] where all of them are known."""
     known = ~np.isnan(returns).any(axis=0)
     mean, std = returns[:, known].mean(axis=0), returns[:, known].std(axis=0)
-    axes.plot(steps[known], mean, **style.line, label=label)
+    axes.plot(steps[known], mean, **style.line, label=label and plain(label))
     if len(returns) > 1:
         band = {"color": style.color, "alpha": 0.2, "lw": 0}
         axes.fill_between(steps[known], mean - std, mean + std, **band)
@@ -129,7 +134,7 @@ def label_curves(axes: Axes, title: str, switch_at: int | None) -> None:
     label_steps(axes)
     axes.set(
         ylabel=f"episode return, mean over {WINDOW} iterations",
-        title=title,
+        title=plain(title),
     )
     axes.grid(alpha=0.3)
     mark_switch(axes, switch_at)
@@ -203,7 +208,7 @@ def option_durations(
     for k, duration in enumerate(durations):
         duration_axes.plot(steps, duration, color=colors[k], label=f"option {k}")
     usage_axes.stackplot(steps, shares, colors=colors)
-    duration_axes.set(ylabel="mean duration (steps)", yscale="log", title=title)
+    duration_axes.set(ylabel="mean duration (steps)", yscale="log", title=plain(title))
     duration_axes.grid(alpha=0.3)
     plain_log(duration_axes.yaxis)
     for axes in (duration_axes, usage_axes):

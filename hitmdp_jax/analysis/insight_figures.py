@@ -9,6 +9,7 @@ from matplotlib.patheffects import withStroke
 from hitmdp_jax.analysis.causal import DISTINCT, alike, effects
 from hitmdp_jax.analysis.colors import option_color
 from hitmdp_jax.analysis.drawing import annotate, heat_map, limit_of, number_options
+from hitmdp_jax.analysis.figures import plain
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.analysis.states import by_option
 from hitmdp_jax.errors import UsageError
@@ -131,7 +132,7 @@ def clusters_figure(insight: Insight) -> Figure:
 
 def _component(insight: Insight, i: int) -> str:
     weights = np.abs(insight.projection.components[i])
-    most = ", ".join(insight.names.observations[j] for j in np.argsort(-weights)[:3])
+    most = ", ".join(plain(insight.names.observations[j]) for j in np.argsort(-weights)[:3])
     share = insight.projection.explained[i]
     return f"component {i + 1}: {share:.0%} of the variance\n({most}, ...)"
 

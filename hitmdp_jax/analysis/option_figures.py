@@ -19,6 +19,7 @@ from hitmdp_jax.analysis.figures import (
     mark_switch,
     option_curves,
     option_durations,
+    plain,
     plain_log,
 )
 from hitmdp_jax.analysis.insight import Insight
@@ -88,7 +89,7 @@ def figure8(runs: Mapping[str, Metrics], switches: Mapping[str, int | None]) -> 
         for k, duration in enumerate(option_curves(metrics, switches[name])[1]):
             axes.plot(metrics["env_steps"][0], duration, color=option_color(k))
         mark_switch(axes, switches[name])
-        axes.set_title(name, fontsize="medium")
+        axes.set_title(plain(name), fontsize="medium")
         axes.set(yscale="log")
         axes.grid(alpha=0.3)
         plain_log(axes.yaxis)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from hitmdp_jax.analysis import tables
 from hitmdp_jax.analysis.colors import color
 from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
-from hitmdp_jax.analysis.figures import FAINT, draw_figures, read_metrics, save
+from hitmdp_jax.analysis.figures import FAINT, draw_figures, plain, read_metrics, save
 from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number, rounding
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import FIGURES, SWEEP
@@ -103,9 +103,9 @@ def sweep_figure(results: Sequence[SettingResult], title: str, algorithm: str) -
         axes.plot(result.final_returns, every, "o", ms=4, alpha=FAINT, mew=0, **look)
         axes.plot([result.low, result.high], [place, place], lw=2, **look)
         axes.plot([result.iqm], [place], "|", ms=12, mew=2, **look)
-    axes.set_yticks(range(len(results)), [label(result.swept) for result in results])
+    axes.set_yticks(range(len(results)), [plain(label(result.swept)) for result in results])
     axes.invert_yaxis()
     axes.set(xlabel=f"return of the last {FINAL_STEPS:,} steps: IQM, 95% interval, each seed")
-    axes.set_title(title)
+    axes.set_title(plain(title))
     axes.grid(alpha=0.3)
     return figure

@@ -19,6 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from hitmdp_jax.analysis.colors import option_color
 from hitmdp_jax.analysis.drawing import ink
+from hitmdp_jax.analysis.figures import plain
 from hitmdp_jax.analysis.rendering import SIZE, Painter, forward_velocity
 from hitmdp_jax.analysis.trajectories import Trajectories
 from hitmdp_jax.envs.base import MujocoEnv
@@ -312,7 +313,7 @@ def filmstrip(
                 axes.spines[:].set(color=color, linewidth=3)
             for axes in axes_of_row[len(chosen) :]:
                 axes.set_axis_off()
-    figure.suptitle(title)
+    figure.suptitle(plain(title))
     return figure
 
 

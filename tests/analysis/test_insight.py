@@ -1,5 +1,6 @@
 """Every answer about policies of each kind, and every figure of them."""
 
+import copy
 import functools
 import io
 from types import SimpleNamespace
@@ -8,11 +9,15 @@ import jax
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.text import Text
 
 from hitmdp_jax.agents import DAC, MOPG, PPO
 from hitmdp_jax.analysis import embedding_figures, insight_figures, option_figures
 from hitmdp_jax.analysis.colors import option_color
+from hitmdp_jax.analysis.figures import learning_curve
 from hitmdp_jax.analysis.insight import Insight
+from hitmdp_jax.analysis.names import Names
+from hitmdp_jax.analysis.sweeps import SettingResult, sweep_figure
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.normalization import initial_statistics
 from hitmdp_jax.training.policy import Policy
@@ -209,10 +214,40 @@ def test_a_policy_without_options_is_refused():
 
 def metrics_of(num_options):
     steps = 2048 * np.arange(1, 31)[None]
-    metrics = {"env_steps": steps}
+    metrics = {"env_steps": steps, "episode_return": steps}
     for k in range(num_options):
         metrics |= {f"option_steps_{k}": steps, f"option_activations_{k}": steps / (k + 2)}
     return metrics
+
+
+FORMULA = r"$\frac$ and $x$"  # Matplotlib would read it, and fail
+
+
+def named(known, name):
+    """The same answers about a task whose every entry has a name."""
+    other = copy.copy(known)
+    other.__dict__["names"] = Names((name,) * len(known.names.observations), (name,))
+    return other
+
+
+NAMED = {
+    "figure5": lambda known: embedding_figures.figure5(named(known, FORMULA)),
+    "clusters": lambda known: insight_figures.clusters_figure(named(known, FORMULA)),
+    "learning_curve": lambda _: learning_curve(metrics_of(2), FORMULA, "mopg"),
+    "figure6": lambda _: option_figures.figure6(metrics_of(2), FORMULA),
+    "figure8": lambda _: option_figures.figure8({FORMULA: metrics_of(2)}, {FORMULA: None}),
+    "sweep": lambda _: sweep_figure(
+        [SettingResult(0, {FORMULA: 0.9}, np.ones(2), 1.0, 1.0, 1.0)], FORMULA, "mopg"
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_names_are_drawn_as_they_stand(name):
+    figure = NAMED[name](insight_of_embeddings(1))
+    drawn(figure)
+    texts = [text.get_text() for text in figure.findobj(Text)]
+    assert any(FORMULA in text.replace(r"\$", "$") for text in texts)
 
 
 def test_durations_of_several_runs_stand_side_by_side():
