@@ -68,7 +68,7 @@ def _run(name: str, rest: list[str]) -> int:
     command = " ".join(["python -m hitmdp_jax.study", name, *own])
     for notebook in notebooks:
         made(notebook.parent)
-        with notebook.open("a") as file:
+        with notebook.open("a", encoding="utf-8") as file:
             file.write(f"\n## {study.question}\n\n`{command}`\n\n{tables.markdown(rows)}")
     print(f"Saved in {folder}.")
     return 0

@@ -1,6 +1,8 @@
 import dataclasses
+import errno
 import multiprocessing
 import os
+from pathlib import Path
 
 import pytest
 
@@ -30,6 +32,38 @@ def test_a_folder_is_claimed_once(tmp_path):
     claim(run_dir, CONFIG, overwrite=True)
     assert {path.name for path in run_dir.iterdir()} == {"config.yaml", ".lock", "notes.txt"}
     assert (run_dir / "notes.txt").exists()
+
+
+def test_a_start_that_fails_leaves_a_folder_that_can_be_used_again(tmp_path, monkeypatch):
+    def full(file):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(UsageError, match="cannot be written: No space left on device"):
+            claim(tmp_path / "run", CONFIG)
+    assert RunConfig.load(claim(tmp_path / "run", CONFIG)) == CONFIG
+
+
+def test_a_kill_while_a_run_is_cleared_leaves_one_that_can_be_cleared_again(tmp_path, monkeypatch):
+    """The settings go last: a folder without them holds no run, and is nobody's to clear."""
+    run_dir = claim(tmp_path / "run", CONFIG)
+    (run_dir / "metrics.csv").write_text("old")
+    (run_dir / "checkpoints").mkdir()
+    for name in ("metrics.csv", "config.yaml"):
+
+        def killed(path, name=name, remove=Path.unlink, **kwargs):
+            if path.name == name:
+                raise KeyboardInterrupt
+            remove(path, **kwargs)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "unlink", killed)
+            with pytest.raises(KeyboardInterrupt):
+                claim(run_dir, CONFIG, overwrite=True)
+        assert RunConfig.load(run_dir) == CONFIG
+    claim(run_dir, CONFIG, overwrite=True)
+    assert {path.name for path in run_dir.iterdir()} == {"config.yaml", ".lock"}
 
 
 def test_runs_of_the_same_second_get_folders_of_their_own(tmp_path, monkeypatch):
