@@ -3,6 +3,7 @@
 import errno
 import logging
 import os
+import resource
 import sys
 import threading
 from collections.abc import Callable
@@ -12,6 +13,8 @@ from hitmdp_jax.errors import UsageError, exit_with
 
 # Errors of the machine that name no file, and need no traceback.
 OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE)
+
+OPEN_FILES = 64  # that a process must be allowed; a training holds about 30
 
 
 def guarded(command: Callable[[], int | None], shows: bool = True) -> None:
@@ -25,7 +28,7 @@ def guarded(command: Callable[[], int | None], shows: bool = True) -> None:
     logging.getLogger("absl").setLevel(logging.CRITICAL)  # what Orbax logs, `Checkpoints` says
     output = sys.stdout = Output(_opened(sys.stdout))
     try:
-        _check_working_directory()
+        _check_process()
         code = command()
     except UsageError as error:
         exit_with(error)
@@ -104,13 +107,19 @@ def _opened(stream: TextIO | None) -> TextIO:
     return stream or open(os.devnull, "w")
 
 
-def _check_working_directory() -> None:
+def _check_process() -> None:
+    """Raise UsageError where the process has no folder to work in, or may open too few files."""
     try:
         os.getcwd()
     except FileNotFoundError:
         raise UsageError(
             "The working directory has been deleted: change to one that is there."
         ) from None
+    files, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if 0 <= files < OPEN_FILES:
+        if 0 <= most < OPEN_FILES:
+            raise UsageError(f"ulimit -n = {most} must be at least {OPEN_FILES} open files.")
+        resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES, most))
 
 
 def _say_in_a_line(args: threading.ExceptHookArgs) -> None:

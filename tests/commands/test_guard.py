@@ -1,6 +1,7 @@
 import errno
 import io
 import os
+import resource
 import sys
 
 import pytest
@@ -73,6 +74,16 @@ def test_a_working_directory_that_is_gone_is_explained(monkeypatch, tmp_path, ca
     (tmp_path / "gone").rmdir()
     assert exit_code_of(lambda: guarded(lambda: 0)) == 2
     assert "The working directory has been deleted" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("most", "raised"), [(20, None), (4096, (64, 4096)), (-1, (64, -1))])
+def test_too_few_open_files_are_raised_or_explained(monkeypatch, capsys, most, raised):
+    asked = []
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (20, most))
+    monkeypatch.setattr(resource, "setrlimit", lambda which, limits: asked.append(limits))
+    assert exit_code_of(lambda: guarded(lambda: 0)) == (0 if raised else 2)
+    assert asked == ([raised] if raised else [])
+    assert ("ulimit -n = 20 must be at least 64" in capsys.readouterr().err) == (not raised)
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EMFILE, errno.EROFS])
