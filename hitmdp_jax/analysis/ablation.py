@@ -2,12 +2,18 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
-from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
-from hitmdp_jax.analysis.figures import read_metrics
+from hitmdp_jax.analysis.comparison import (
+    INTERVAL,
+    Metrics,
+    final_reports,
+    final_returns,
+    final_window,
+    median_speed,
+    one_window,
+)
 from hitmdp_jax.analysis.statistics import (
     against,
     interquartile_mean,
@@ -22,9 +28,11 @@ USED = 0.05  # of the steps: an option with fewer is not counted as used
 
 @dataclasses.dataclass(frozen=True)
 class Arm:
-    """One arm of a study. Everything is of the last `FINAL_STEPS` steps of each seed."""
+    """One arm of a study. Everything but the minutes is of the final reports of each seed."""
 
     name: str
+    window: str  # the steps of those reports, in words
+    env_steps: int  # of each seed
     final_returns: np.ndarray  # [S] undiscounted, of the training policy
     control: np.ndarray  # [S'] those of the control
     used: np.ndarray  # [S] options with more than `USED` of the steps; NaN without options
@@ -38,30 +46,41 @@ class Arm:
         return int((self.final_returns < median - 0.5 * abs(median)).sum())
 
 
-def measure(run_dirs: Mapping[str, Path], control: str) -> list[Arm]:
+def measure(
+    runs: Mapping[str, Metrics], switches: Mapping[str, int | None], control: str
+) -> list[Arm]:
     """Summarise finished arms.
 
     Args:
-      run_dirs: arm -> its run's folder.
+      runs: arm -> metrics of its seeds.
+      switches: arm -> environment steps after which a transfer's second task began, or None.
       control: the arm that the others are measured against.
     """
-    runs = {name: read_metrics(folder) for name, folder in run_dirs.items()}
-    returns = {name: final_returns(metrics) for name, metrics in runs.items()}
+    returns = {name: final_returns(metrics, switches[name]) for name, metrics in runs.items()}
     return [
         Arm(
-            name, returns[name], returns[control], *options_at_the_end(metrics), minutes_of(metrics)
+            name,
+            final_window(metrics, switches[name]),
+            int(metrics["env_steps"].max()),
+            returns[name],
+            returns[control],
+            *options_at_the_end(metrics, switches[name]),
+            minutes_of(metrics),
         )
         for name, metrics in runs.items()
     ]
 
 
-def options_at_the_end(metrics: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return how many options each seed uses, and how long its main one lasts."""
+def options_at_the_end(metrics: Metrics, switch_at: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return how many options each seed uses, and how long its main one lasts.
+
+    Args are those of `final_reports`.
+    """
     num_options = sum(name.startswith("option_steps_") for name in metrics)
     if not num_options:
         unknown = np.full(len(metrics["env_steps"]), np.nan)
         return unknown, unknown
-    last = metrics["env_steps"][0] > metrics["env_steps"][0, -1] - FINAL_STEPS
+    last = final_reports(metrics, switch_at)
     steps, activations = (
         np.stack([np.nansum(metrics[f"{name}_{k}"][:, last], axis=1) for k in range(num_options)])
         for name in ("option_steps", "option_activations")
@@ -71,17 +90,18 @@ def options_at_the_end(metrics: Mapping[str, np.ndarray]) -> tuple[np.ndarray, n
     return (steps > USED * steps.sum(axis=0)).sum(axis=0).astype(float), duration
 
 
-def minutes_of(metrics: Mapping[str, np.ndarray]) -> float:
-    """Return how long a run took, by its median speed."""
-    return float(metrics["env_steps"].max() / np.median(metrics["steps_per_second"][0]) / 60)
+def minutes_of(metrics: Metrics) -> float:
+    """Return how long a run took, by its median speed; NaN where none is known."""
+    return float(metrics["env_steps"].max() / median_speed(metrics) / 60)
 
 
 def table(arms: Sequence[Arm]) -> list[list[str]]:
     """Return the arms as rows of text, the header first."""
     rows = [
         [
-            "arm", "IQM [95% interval]", "minus control [95% interval]", "P(better)", "failed",
-            "options used", "duration", "minutes", "per seed",
+            "arm", "seeds", f"IQM of {one_window(arm.window for arm in arms)} [{INTERVAL}]",
+            f"minus control [{INTERVAL}]", "P(better)", "failed", "options used", "duration",
+            "minutes", "per seed",
         ]
     ]  # fmt: skip
     returns = [arm.final_returns for arm in arms]
@@ -92,12 +112,13 @@ def table(arms: Sequence[Arm]) -> list[list[str]]:
         rows.append(
             [
                 arm.name,
+                str(len(x)),
                 with_interval(interquartile_mean, x, spec=spec),
                 *against(x, arm.control, spec),
                 f"{arm.failed}/{len(x)}",
                 lasting,
                 number(float(np.median(arm.duration))),
-                f"{arm.minutes:.0f}",
+                number(arm.minutes, ".0f"),
                 " ".join(number(value, of_each) for value in x),
             ]
         )

@@ -221,7 +221,7 @@ def intervals(
     middles: ArrayLike,
     ends: ArrayLike,
 ) -> go.Figure:
-    """Draw each run's interquartile mean with its interval, and a point for every seed.
+    """Draw each run's interquartile mean with its interval, if known, and a point for every seed.
 
     Args:
       looks: name of a run -> how its points look.
@@ -231,6 +231,7 @@ def intervals(
     """
     shown = figure(110 + 40 * len(looks), xaxis_title="return", showlegend=False)
     for i, ((name, style), x) in enumerate(zip(looks.items(), scores, strict=True)):
+        name = f"{name} (n = {len(x)})"
         middle, (low, high) = np.asarray(middles)[i], np.asarray(ends)[i]
         marker = {"symbol": "line-ns-open", "color": style.color, "size": 10}
         shown.add_scatter(x=x, y=[name] * len(x), mode="markers", marker=marker, name=name)

@@ -18,7 +18,13 @@ from plotly.offline import get_plotlyjs
 
 from hitmdp_jax.analysis import ablation, causal, plots
 from hitmdp_jax.analysis.colors import Style, shades, styles
-from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
+from hitmdp_jax.analysis.comparison import (
+    final_returns,
+    headline,
+    length_warning,
+    median_speed,
+    one_window,
+)
 from hitmdp_jax.analysis.drawing import limit_of
 from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.analysis.insight import Insight
@@ -29,9 +35,8 @@ from hitmdp_jax.analysis.statistics import (
     interquartile_mean,
     number,
     rounding,
-    with_interval,
 )
-from hitmdp_jax.analysis.sweeps import rank
+from hitmdp_jax.analysis.sweeps import by_setting, rank
 from hitmdp_jax.analysis.sweeps import table as sweep_table
 from hitmdp_jax.analysis.tables import Rows
 from hitmdp_jax.errors import UsageError
@@ -187,26 +192,28 @@ class RunReport:
     def summary(self) -> Parts:
         """Say what was run, with what, and how it ended."""
         config, metrics = self.config, self.metrics
-        returns = final_returns(metrics, config.switch_at or 0)
-        spec, of_each = rounding(returns), rounding(returns, fewer=1)
-        done, speed = int(metrics["env_steps"].max()), np.median(metrics["steps_per_second"][0])
-        steps = f"{done:,} of {config.env_steps:,}"
-        score = number(float(interquartile_mean(returns)), spec)
-        minutes = max(1, round(done / speed / 60))
-        each = []
-        if len(returns) > 1:
-            steps += f", of each of {len(returns)} trainings"
-            score = with_interval(interquartile_mean, returns, spec=spec)
-            score += " (interquartile mean, 95% interval)"
-            each = [["each seed", ", ".join(number(x, of_each) for x in returns)]]
+        trainings, steps = len(config.trainings), int(metrics["env_steps"].max())
+        done = f"{steps:,} of {config.env_steps:,}"
+        done += f", of each of {trainings} trainings" if trainings > 1 else ""
+        if config.sweep:
+            done += f": {config.seeds} seeds of each of {len(config.settings)} settings"
+            best = rank(metrics, config)[0]
+            metrics = list(by_setting(config, metrics).values())[best.setting]
+        name, score = headline(metrics, config.switch_at)
+        if config.sweep:
+            name += f", of the best setting, {label(best.swept)}"
+        returns = final_returns(metrics, config.switch_at)
+        each = ", ".join(number(x, rounding(returns, fewer=1)) for x in returns)
+        minutes = steps / median_speed(self.metrics) / 60
+        time = f"about {minutes:.0f} minutes" if minutes >= 1.5 else "about a minute"
         yield table(
             [
                 ["", ""],
                 ["command", self.command],
-                ["environment steps", steps],
-                [f"return of the last {FINAL_STEPS:,} steps", score],
-                *each,
-                ["time", f"about {minutes} minutes" if minutes > 1 else "about a minute"],
+                ["environment steps", done],
+                [name, score],
+                *([["each seed", each]] if len(returns) > 1 else []),
+                *([["time", time]] if math.isfinite(minutes) else []),
                 ["made with", made_with(self.run_dir)],
             ]
         )
@@ -218,13 +225,8 @@ class RunReport:
         if config.sweep:
             best = rank(metrics, config)
             yield table(sweep_table(best))
-            runs = {
-                label(result.swept): {
-                    name: x[metrics["setting"][:, 0] == result.setting]
-                    for name, x in metrics.items()
-                }
-                for result in best[:SETTINGS]
-            }
+            settings = list(by_setting(config, metrics).items())
+            runs = dict(settings[result.setting] for result in best[:SETTINGS])
         switches = dict.fromkeys(runs, config.switch_at)
         algorithm: str = config.algo["name"]
         looks = styles(dict.fromkeys(runs, algorithm))
@@ -270,7 +272,9 @@ class RunReport:
         found = known.interventions
         yield text(
             "The same policy from the same initial states; only who chooses the option differs. "
-            "Each mark is an episode, each point the mean with its standard error."
+            "Each mark is an episode, each point the mean with its standard error. All of them are "
+            "of the policy that was saved; the return above is of episodes in which it was still "
+            "learning, so that the two are near each other but not the same."
         )
         yield chart(plots.returns_by_choice(found, causal.effects(found), known.num_options))
         yield table(causal.table(found))
@@ -355,27 +359,30 @@ def compare(runs: Mapping[str, tuple[Path, RunConfig]], commands: Mapping[str, s
       runs: name -> folder and settings; the first is what the others are measured against.
       commands: name -> what trains what its settings say.
     """
-    metrics = {name: read_metrics(folder) for name, (folder, _) in runs.items()}
-    configs = {name: config for name, (_, config) in runs.items()}
-    empty = [name for name, columns in metrics.items() if not columns]
-    if empty:
-        raise UsageError(f"The run {empty[0]} has no finished iteration.")
-    scores = {name: final_returns(metrics[name], configs[name].switch_at or 0) for name in metrics}
-
-    looks = styles({name: config.algo["name"] for name, config in configs.items()})
+    metrics, switches, algorithms = {}, {}, {}
+    for run, (folder, config) in runs.items():
+        if not (read := read_metrics(folder)):
+            raise UsageError(f"The run {run} has no finished iteration.")
+        for setting, own in by_setting(config, read).items():
+            name = f"{run}, {setting}" if setting else run
+            metrics[name], switches[name] = own, config.switch_at
+            algorithms[name] = config.algo["name"]
+    control = next(iter(metrics))
+    arms = ablation.measure(metrics, switches, control)
+    scores = {arm.name: arm.final_returns for arm in arms}
+    looks = styles(algorithms)
 
     def returns() -> Parts:
+        if warning := length_warning({arm.name: arm.env_steps for arm in arms}):
+            yield text(warning)
         middles = [interquartile_mean(x) for x in scores.values()]
         ends = [bootstrap_interval(interquartile_mean, x) for x in scores.values()]
         yield chart(plots.intervals(looks, list(scores.values()), middles, ends))
-        arms = ablation.measure(
-            {name: folder for name, (folder, _) in runs.items()}, next(iter(runs))
-        )
         yield table(ablation.table(arms))
-        yield text(f"Returns of the last {FINAL_STEPS:,} steps; {next(iter(runs))} is the control.")
+        window = one_window(arm.window for arm in arms)
+        yield text(f"Returns are those of {window}; {control} is the control.")
 
     def curves() -> Parts:
-        switches = {name: config.switch_at for name, config in configs.items()}
         how = "episode_return", "episode return", looks, switches
         yield chart(plots.learning_curves(metrics, *how))
 
@@ -387,7 +394,7 @@ def compare(runs: Mapping[str, tuple[Path, RunConfig]], commands: Mapping[str, s
         made = dict.fromkeys(made_with(folder) for folder, _ in runs.values())
         yield text("Made with " + "; and ".join(made) + ".")
 
-    titles = sorted({config.title for config in configs.values()})
+    titles = sorted({config.title for _, config in runs.values()})
     sections = {
         "Returns": returns,
         "Learning": curves,

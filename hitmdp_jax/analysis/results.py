@@ -167,18 +167,18 @@ def columns_of(config: RunConfig, metrics: Mapping[str, np.ndarray]) -> Columns:
       config: the run's settings.
       metrics: as `read_metrics` gives them.
     """
-    since = config.switch_at or 0
-    used, duration = options_at_the_end(metrics)
+    switch_at = config.switch_at
+    used, duration = options_at_the_end(metrics, switch_at)
     columns = _trainings(config)
-    columns["last_20_episodes"] = last_episodes(metrics, EPISODES, since)
-    columns["last_100k_steps"] = final_returns(metrics, since)
-    if config.switch_at is not None:
-        first = metrics["env_steps"][0] <= config.switch_at
-        columns["first_task"] = final_returns({k: x[:, first] for k, x in metrics.items()})
+    columns["last_20_episodes"] = last_episodes(metrics, EPISODES, switch_at or 0)
+    columns["last_100k_steps"] = final_returns(metrics, switch_at)
+    if switch_at is not None:
+        first = metrics["env_steps"][0] <= switch_at
+        columns["first_task"] = final_returns({k: x[:, first] for k, x in metrics.items()}, None)
         # The area under the curve after the switch, in units of a return.
         columns["whole_second_task"] = mean_return(metrics, ~first)
     if "success" in metrics:
-        columns["success"] = final_returns(metrics, since, of="success")
+        columns["success"] = final_returns(metrics, switch_at, of="success")
     if not np.isnan(used).all():
         columns |= {"options_used": used, "main_option_duration": duration}
     return columns

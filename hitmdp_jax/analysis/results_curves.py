@@ -10,6 +10,7 @@ from hitmdp_jax.analysis.report import Parts, chart, page, preformatted, text
 from hitmdp_jax.analysis.results import Cell, read, read_curve
 from hitmdp_jax.analysis.results_page import Suite
 from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean
+from hitmdp_jax.analysis.sweeps import by_setting
 
 
 def curves_page(suites: Mapping[str, Suite], results: Path) -> str:
@@ -32,15 +33,22 @@ def curves_page(suites: Mapping[str, Suite], results: Path) -> str:
 
 
 def _task(cells: Mapping[str, Cell], folder: Path) -> Parts:
-    switches = {name: cell.config.switch_at for name, cell in cells.items()}
-    curves = {name: read_curve(folder / name, switches[name]) for name in cells}
-    looks = styles({name: cell.config.algo["name"] for name, cell in cells.items()})
+    curves, switches, returns, algorithms = {}, {}, {}, {}
+    for arm, cell in cells.items():
+        drawn = read_curve(folder / arm, cell.config.switch_at)
+        for setting, own in by_setting(cell.config, cell.seeds | drawn).items():
+            name = f"{arm}, {setting}" if setting else arm
+            curves[name], switches[name] = own, cell.config.switch_at
+            returns[name], algorithms[name] = own["last_100k_steps"], cell.config.algo["name"]
+    looks = styles(algorithms)
     how = "episode_return", "return", looks, switches
     yield chart(plots.learning_curves(curves, *how, window=1))
-    returns = {name: cell.seeds["last_100k_steps"] for name, cell in cells.items()}
     middles = [interquartile_mean(x) for x in returns.values()]
     ends = [bootstrap_interval(interquartile_mean, x) for x in returns.values()]
     yield chart(plots.intervals(looks, list(returns.values()), middles, ends))
-    yield text("Above: the last 100k steps of every seed, and the interquartile mean.")
+    yield text(
+        "Above: the last 100k steps of every seed, the interquartile mean, and its 95% interval "
+        "where there are five seeds or more."
+    )
     yield chart(plots.profiles(looks, list(returns.values())))
     yield preformatted("\n".join(cell.about["command"] for cell in cells.values()))

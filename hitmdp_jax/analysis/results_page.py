@@ -28,7 +28,7 @@ commands below made; nothing here is typed by hand. Returns are undiscounted.
 - *last {EPISODES} episodes*: of the training policy, over which the paper averages its curves; mean
   and standard deviation over seeds;
 - *IQM*: interquartile mean over seeds of the training policy's last 100k steps, with its 95%
-  bootstrap interval (Agarwal et al. 2021);
+  bootstrap interval (Agarwal et al. 2021), which fewer than five seeds do not have;
 - *deterministic*: {EPISODES} episodes a seed of the final policy's likeliest options and actions;
   mean and standard deviation over seeds;
 - *P(better)*: the probability that a seed of the algorithm beats one of the control; *P(mopg
@@ -153,7 +153,8 @@ def all_tasks(suite: Suite, cells: Mapping[str, Mapping[str, Cell]]) -> Rows:
     """
     control, first = suite.control, next(iter(suite.arms))
     how = "mean over tasks [95% interval]"
-    rows = [["", "tasks", f"P(better than {control}), {how}", f"P({first} better), {how}"]]
+    better = f"P(better than {control}), {how}", f"P({first} better), {how}"
+    rows = [["", "tasks", "seeds", *better]]
     for arm in suite.arms:
         if control is None or arm == control:
             continue
@@ -161,13 +162,15 @@ def all_tasks(suite: Suite, cells: Mapping[str, Mapping[str, Cell]]) -> Rows:
         if len(tasks) < 2:
             continue
         ours = "" if arm == first else _improvement(tasks, first, arm)
-        rows.append([arm, str(len(tasks)), _improvement(tasks, arm, control), ours])
+        counts = sorted({len(here[arm].seeds["last_100k_steps"]) for here in tasks})
+        seeds = " or ".join(map(str, counts))
+        rows.append([arm, str(len(tasks)), seeds, _improvement(tasks, arm, control), ours])
     return rows
 
 
 def _improvement(tasks: Sequence[Mapping[str, Cell]], arm: str, other: str) -> str:
     pairs = [here[name].seeds["last_100k_steps"] for here in tasks for name in (arm, other)]
-    return statistics.with_interval(statistics.mean_improvement, *pairs, spec=".2f")
+    return statistics.with_interval(statistics.mean_improvement, *pairs, spec=".2f", arms=2)
 
 
 def table(suite: Suite, task: str, cells: Mapping[str, Cell]) -> Rows:

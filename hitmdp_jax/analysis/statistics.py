@@ -13,6 +13,7 @@ from scipy import stats
 
 BOOTSTRAPS = 10_000
 CONFIDENCE = 0.95
+FEWEST = 5  # scores of which an interval is told: that of two is their range, and no 95%
 SMALL = 20.0  # returns below it, of Reacher say, differ in their second digit after the point
 
 
@@ -57,7 +58,9 @@ def difference(x: ArrayLike, y: ArrayLike, axis: int = -1) -> Any:
     return interquartile_mean(x, axis=axis) - interquartile_mean(y, axis=axis)
 
 
-def bootstrap_interval(statistic: Callable[..., Any], *strata: ArrayLike) -> tuple[float, float]:
+def bootstrap_interval(
+    statistic: Callable[..., Any], *strata: ArrayLike, arms: int | None = None
+) -> tuple[float, float]:
     """Return the 95% percentile interval of a statistic, each stratum resampled by itself.
 
     The resamples are drawn from a fixed seed, so that a table of the same runs is the same table.
@@ -65,13 +68,16 @@ def bootstrap_interval(statistic: Callable[..., Any], *strata: ArrayLike) -> tup
     Args:
       statistic: of arrays [..., S] along their `axis`, as the two above.
       *strata: the scores, [S] each, that are its arguments.
+      arms: of how many arms they are, in turn, one task after the other; None: each of another.
 
     Returns:
-      The interval's ends; NaN where a stratum holds fewer than two scores, which say nothing about
-      spread, or a score of NaN.
+      The interval's ends; NaN where an arm has fewer than `FEWEST` scores on all tasks together, or
+      a single one on a task, or a score of NaN.
     """
     samples = [np.asarray(x, float) for x in strata]
-    if any(len(x) < 2 or np.isnan(x).any() for x in samples):
+    arms = arms or len(samples)
+    few = any(sum(map(len, samples[i::arms])) < FEWEST for i in range(arms))
+    if few or any(len(x) < 2 or np.isnan(x).any() for x in samples):
         return math.nan, math.nan
     interval = stats.bootstrap(
         samples,
@@ -104,14 +110,21 @@ def number(x: float, spec: str = ".1f") -> str:
     return shown.lstrip("-") if float(shown) == 0 else shown
 
 
-def with_interval(statistic: Callable[..., Any], *strata: ArrayLike, spec: str = ".1f") -> str:
+def with_interval(
+    statistic: Callable[..., Any],
+    *strata: ArrayLike,
+    spec: str = ".1f",
+    arms: int | None = None,
+) -> str:
     """Return a statistic with its 95% interval as a table shows it: `12.0 [10.1, 13.9]`.
+
+    Where there is no interval, of few scores, the statistic stands alone.
 
     Args and intervals are those of `bootstrap_interval`; `spec` is `number`'s.
     """
-    values = float(statistic(*strata)), *bootstrap_interval(statistic, *strata)
-    middle, low, high = (number(value, spec) for value in values)
-    return f"{middle} [{low}, {high}]"
+    ends = bootstrap_interval(statistic, *strata, arms=arms)
+    middle, low, high = (number(x, spec) for x in (float(statistic(*strata)), *ends))
+    return middle if math.isnan(ends[0]) else f"{middle} [{low}, {high}]"
 
 
 def against(x: np.ndarray, control: np.ndarray, spec: str = ".1f") -> list[str]:

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 
 from hitmdp_jax.analysis import tables
 from hitmdp_jax.analysis.colors import color
-from hitmdp_jax.analysis.comparison import FINAL_STEPS, final_returns
+from hitmdp_jax.analysis.comparison import INTERVAL, columns, fields, final_returns, final_window
 from hitmdp_jax.analysis.figures import FAINT, draw_figures, plain, read_metrics, save
-from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean, number, rounding
+from hitmdp_jax.analysis.statistics import bootstrap_interval, interquartile_mean
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import FIGURES, SWEEP
 from hitmdp_jax.training.sweep import PREFIX, label
@@ -25,10 +25,33 @@ class SettingResult:
 
     setting: int
     swept: dict[str, float]
-    final_returns: np.ndarray  # [S] mean over the last FINAL_STEPS of each seed
-    iqm: float  # interquartile mean over seeds
-    low: float  # 95% bootstrap interval of it; NaN for a single seed
-    high: float
+    final_returns: np.ndarray  # [S] as the function of that name gives them
+    window: str  # the steps that they are of, in words
+
+    @property
+    def iqm(self) -> float:
+        """Their interquartile mean."""
+        return float(interquartile_mean(self.final_returns))
+
+
+def by_setting(
+    config: RunConfig, columns: Mapping[str, np.ndarray]
+) -> dict[str, dict[str, np.ndarray]]:
+    """Return what is known of a run's trainings setting by setting: their seeds alone compare.
+
+    Args:
+      config: the run's settings.
+      columns: arrays [R, ...] by name, of all trainings.
+
+    Returns:
+      What each setting is called, "" in a run that sweeps nothing -> its arrays [S, ...].
+    """
+    labels = [label(swept) for swept in config.settings]  # rounded: two may be the same
+    names = [x if labels.count(x) == 1 else f"{x} (setting {i})" for i, x in enumerate(labels)]
+    return {
+        name: {column: x[i * config.seeds :][: config.seeds] for column, x in columns.items()}
+        for i, name in enumerate(names)
+    }
 
 
 def rank(metrics: Mapping[str, np.ndarray], config: RunConfig) -> list[SettingResult]:
@@ -40,12 +63,11 @@ def rank(metrics: Mapping[str, np.ndarray], config: RunConfig) -> list[SettingRe
       metrics: as `read_metrics` gives them.
       config: the run's settings.
     """
-    returns = final_returns(metrics, config.switch_at or 0).reshape(-1, config.seeds)
-    results = []
-    for setting, (swept, own) in enumerate(zip(config.settings, returns, strict=True)):
-        low, high = bootstrap_interval(interquartile_mean, own)
-        iqm = float(interquartile_mean(own))
-        results.append(SettingResult(setting, swept, own, iqm, low, high))
+    window = final_window(metrics, config.switch_at)
+    results = [
+        SettingResult(i, config.settings[i], final_returns(own, config.switch_at), window)
+        for i, own in enumerate(by_setting(config, metrics).values())
+    ]
     return sorted(results, key=lambda r: math.inf if math.isnan(r.iqm) else -r.iqm)
 
 
@@ -68,22 +90,11 @@ def draw_sweep(run_dir: Path, config: RunConfig) -> list[list[str]]:
 def table(results: Sequence[SettingResult]) -> list[list[str]]:
     """Return the settings as rows of text, the header first."""
     names = [name.removeprefix(PREFIX) for name in results[0].swept]
-    rows = [["setting", *names, "IQM [95% interval]", "mean", "std", "per seed"]]
+    rows = [["setting", *names, *columns(results[0].window)]]
     every = [result.final_returns for result in results]
-    spec, of_each = rounding(*every), rounding(*every, fewer=1)
     for result in results:
-        returns = result.final_returns
-        iqm, low, high = (number(x, spec) for x in (result.iqm, result.low, result.high))
-        rows.append(
-            [
-                str(result.setting),
-                *(f"{value:.4g}" for value in result.swept.values()),
-                f"{iqm} [{low}, {high}]",
-                number(returns.mean(), spec),
-                number(returns.std(), spec),
-                " ".join(number(x, of_each) for x in returns),
-            ]
-        )
+        values = (f"{value:.4g}" for value in result.swept.values())
+        rows.append([str(result.setting), *values, *fields(result.final_returns, every)])
     return rows
 
 
@@ -101,11 +112,13 @@ def sweep_figure(results: Sequence[SettingResult], title: str, algorithm: str) -
     for place, result in enumerate(results):
         every = [place] * len(result.final_returns)
         axes.plot(result.final_returns, every, "o", ms=4, alpha=FAINT, mew=0, **look)
-        axes.plot([result.low, result.high], [place, place], lw=2, **look)
+        ends = bootstrap_interval(interquartile_mean, result.final_returns)
+        axes.plot(ends, [place, place], lw=2, **look)
         axes.plot([result.iqm], [place], "|", ms=12, mew=2, **look)
     axes.set_yticks(range(len(results)), [plain(label(result.swept)) for result in results])
     axes.invert_yaxis()
-    axes.set(xlabel=f"return of the last {FINAL_STEPS:,} steps: IQM, 95% interval, each seed")
+    seeds = len(results[0].final_returns)
+    axes.set_xlabel(f"return of {results[0].window}: each of {seeds} seeds, IQM, {INTERVAL}")
     axes.set_title(plain(title))
     axes.grid(alpha=0.3)
     return figure

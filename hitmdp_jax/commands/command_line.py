@@ -6,9 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from hitmdp_jax.commands.settings import Settings
-from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.config import GROUPS, RunConfig
 
-GROUPS = ("env", "algo", "second_env")  # settings that hold a name and settings of their own
 SHOWN = ("physics", "seeds", "seed", "total_steps", "num_envs", "rollout_length")  # always
 PLAIN = re.compile(r"[A-Za-z_][\w./-]*")  # a word that Hydra reads as it stands
 WORDS = ("true", "false", "null", "inf", "nan")  # but for these
@@ -25,7 +24,7 @@ def command_line(config: RunConfig) -> str:
     parts = [f"{group}={_text(getattr(config, group)['name'])}" for group in ("env", "algo")]
     if config.second_env is not None:
         parts = ["experiment=transfer", *parts]
-    usual = dict(_settings(Settings(parts).config()))
+    usual = dict(_settings(Settings(parts).config(trust=False)))
     for name, value in _settings(config):
         if name in SHOWN or name not in usual or usual[name] != value:
             parts.append(f"{name}={_text(value)}")

@@ -148,7 +148,7 @@ def _median(run_dir: Path, config: RunConfig) -> int:
     metrics = read_metrics(run_dir) if (run_dir / folder.METRICS).is_file() else {}
     if not metrics:
         return 0
-    returns = final_returns(metrics, config.switch_at or 0)
+    returns = final_returns(metrics, config.switch_at)
     candidates = np.array(places(config, setting=rank(metrics, config)[0].setting))
     known = candidates[np.isfinite(returns[candidates])]
     return int(known[np.argsort(returns[known])[(len(known) - 1) // 2]]) if known.size else 0

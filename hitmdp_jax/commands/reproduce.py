@@ -44,6 +44,7 @@ of `--setting N` (0).
   clusters      visited states in two dimensions
 """
 
+import sys
 import time
 from pathlib import Path
 
@@ -52,7 +53,7 @@ import jax
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import AGENTS, find_agent
 from hitmdp_jax.analysis import tables, theorems
-from hitmdp_jax.analysis.comparison import compare, comparison_figure, table
+from hitmdp_jax.analysis.comparison import compare, comparison_figure, length_warning, table
 from hitmdp_jax.analysis.figures import save
 from hitmdp_jax.commands import figures, suites
 from hitmdp_jax.commands.arms import named, train_arms, without_folder
@@ -94,7 +95,9 @@ def run_comparison(arguments: list[str]) -> int:
     run_dirs = {name: folder / name for name in algos}
     config = RunConfig.load(next(iter(run_dirs.values())))
     parameters = {algo: count_parameters(run_dir) for algo, run_dir in run_dirs.items()}
-    results = compare(run_dirs, parameters, since=config.switch_at or 0)
+    results = compare(run_dirs, parameters, config.switch_at)
+    if warning := length_warning({result.algo: result.env_steps for result in results}):
+        print(f"warning: {warning}", file=sys.stderr)
     rows = table(results)
     tables.save(rows, folder, "comparison")
     figure = comparison_figure(run_dirs, config.task_title, config.switch_at)

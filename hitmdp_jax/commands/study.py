@@ -10,12 +10,15 @@ that the study names and that no command line of yours has named before.
 """
 
 import dataclasses
+import sys
 import time
 from pathlib import Path
 
 import hitmdp_jax
 from hitmdp_jax.analysis import ablation, tables
-from hitmdp_jax.commands.arms import last_of_each, train_arms, without_folder
+from hitmdp_jax.analysis.comparison import length_warning
+from hitmdp_jax.analysis.figures import read_metrics
+from hitmdp_jax.commands.arms import configs_of, last_of_each, train_arms, without_folder
 from hitmdp_jax.commands.guard import dispatched
 from hitmdp_jax.commands.settings import Settings, folder_setting, writable
 from hitmdp_jax.errors import UsageError, unknown_name
@@ -56,12 +59,19 @@ def _run(name: str, rest: list[str]) -> int:
     arms = {arm: last_of_each([*study.settings, *x, *own]) for arm, x in study.arms.items()}
     values = Settings(rest).values()
     trust_named(values, remember=True)
+    configs = configs_of(arms, trust)
+    if any(config.sweep for config in configs.values()):
+        raise UsageError("study takes no sweep=: its arms name what is compared.")
     folder = folder_setting(values) or Path(
         f"runs/study/{Path(name).stem}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
     )
     if code := train_arms(arms, folder, trust):
         return code
-    results = ablation.measure({arm: folder / arm for arm in arms}, study.control)
+    runs = {arm: read_metrics(folder / arm) for arm in arms}
+    switches = {arm: config.switch_at for arm, config in configs.items()}
+    results = ablation.measure(runs, switches, study.control)
+    if warning := length_warning({arm.name: arm.env_steps for arm in results}):
+        print(f"warning: {warning}", file=sys.stderr)
     rows = ablation.table(results)
     tables.save(rows, folder, "study")
     tables.show(rows)

@@ -78,7 +78,7 @@ def main() -> None:
         guarded(lambda: codes.append(train(plain, given, go_on=bool(swept))), shows=False)
         if codes[-1] > 128:
             sys.exit(codes[-1])  # who stops one job means the sweep
-        return final_return(Path(plain["run_dir"])) if swept else None
+        return final_return(Path(plain["run_dir"]), run_config(plain)) if swept else None
 
     sys.argv = [sys.argv[0], *flags, *overrides]
     run = hydra.main(version_base="1.3", config_path=str(configs()), config_name="config")(job)
@@ -95,13 +95,12 @@ def _unknown_flag(flag: str) -> UsageError:
     return unknown_name("flag", flag, FLAGS)
 
 
-def final_return(run_dir: Path) -> float:
-    """Return the interquartile mean over a finished run's trainings of their final returns."""
-    from hitmdp_jax.analysis.comparison import final_returns
+def final_return(run_dir: Path, config: RunConfig) -> float:
+    """Return a finished run's return: the interquartile mean over the seeds of its best setting."""
     from hitmdp_jax.analysis.figures import read_metrics
-    from hitmdp_jax.analysis.statistics import interquartile_mean
+    from hitmdp_jax.analysis.sweeps import rank
 
-    return float(interquartile_mean(final_returns(read_metrics(run_dir))))
+    return rank(read_metrics(run_dir), config)[0].iqm
 
 
 def _short(override: str) -> str:
@@ -197,13 +196,16 @@ def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
     print(f"{where if outcome.signum else 'Saved'} in {run_dir}.")
     # Matplotlib and SciPy take seconds to import, in which the training could run already.
     from hitmdp_jax.analysis import tables
-    from hitmdp_jax.analysis.figures import draw_figures
+    from hitmdp_jax.analysis.comparison import headline
+    from hitmdp_jax.analysis.figures import draw_figures, read_metrics
     from hitmdp_jax.analysis.sweeps import draw_sweep
 
     try:
         if config.sweep:
             tables.show(draw_sweep(run_dir, config)[: 1 + SHOWN])
-        else:
+        elif metrics := read_metrics(run_dir):
+            name, score = headline(metrics, config.switch_at)
+            print(f"{name.capitalize()}: {score}.")
             draw_figures(run_dir, config.title, config.algo["name"], config.switch_at)
     except (OSError, UsageError) as error:
         reason = error.strerror if isinstance(error, OSError) else error

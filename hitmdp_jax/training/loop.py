@@ -92,7 +92,7 @@ def run(
         agreement = processes.Agreement(stop, checkpoints.due, run.mesh)
         progress = run.restore(checkpoints) if resume else Progress(0, 0, None)
         done = config.steps_after(progress.iteration)
-        terminal = TerminalSink(config.env_steps, done, quiet=not writes)
+        terminal = TerminalSink(config.env_steps, config.trainings, done, quiet=not writes)
         sinks = Sinks(terminal)
         if writes:
             write(run_dir / CONFIG, config.to_yaml())
@@ -136,6 +136,7 @@ def iterate(
     config = run.config
     reporter.recent_return = float("nan")  # what the task before returned is no measure of this one
     last = (progress.task + 1) * config.iterations
+    reporter.begin()
     per_checkpoint = config.iterations_in(config.checkpoint_steps)
     while progress.iteration < last and not agreement.signum:
         assert progress.state is not None
@@ -162,9 +163,17 @@ class Reporter:
     def __init__(self, run: Run, sinks: Sinks, hooks: Sequence[Hook]):
         self._run, self.sinks, self._hooks = run, sinks, hooks
         self._pending: tuple[int, dict[str, Any]] | None = None
-        # Single reports come in bunches where the device runs ahead; a window's speed is steady.
-        self._times = deque([time.perf_counter()], maxlen=SPEED_WINDOW)
+        # When the last reports ended. Single ones come in bunches where the device runs ahead; a
+        # window's speed is steady.
+        self._times: deque[float] = deque(maxlen=SPEED_WINDOW)
         self.recent_return = float("nan")  # the mean over seeds, of the last report
+
+    def begin(self) -> None:
+        """Begin with a program: its speed is known from its second report on.
+
+        In the first one's time it is compiled and warms up.
+        """
+        self._times.clear()
 
     def take(self, progress: Progress, metrics: Metrics) -> None:
         """Keep a report back until the next one is under way; report the one before."""
@@ -189,7 +198,8 @@ class Reporter:
         values = {name: np.asarray(x)[:size] for name, x in metrics.items()}  # waits for the device
         self._times.append(time.perf_counter())
         steps = config.steps_per_iteration * config.iterations_per_report
-        speed = steps * (len(self._times) - 1) / (self._times[-1] - self._times[0])
+        since_first = self._times[-1] - self._times[0]
+        speed = steps * (len(self._times) - 1) / since_first if since_first else np.nan
         values["steps_per_second"] = np.full(size, speed)
         known = values["recent_return"][~np.isnan(values["recent_return"])]
         self.recent_return = float(known.mean()) if known.size else float("nan")

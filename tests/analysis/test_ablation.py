@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from hitmdp_jax.analysis import ablation
+from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.training.sinks import CsvSink
 from tests.probes import trainings
 
@@ -27,7 +28,9 @@ def run_dirs(tmp_path):
 
 
 def test_arms_are_measured_against_the_control(run_dirs):
-    ppo, mopg = ablation.measure(run_dirs, "ppo")
+    runs = {name: read_metrics(folder) for name, folder in run_dirs.items()}
+    ppo, mopg = ablation.measure(runs, dict.fromkeys(runs), "ppo")
+    assert mopg.window == "the last 100,000 steps"
     np.testing.assert_allclose(mopg.final_returns, [200.0, 130.0])
     np.testing.assert_allclose(mopg.control, ppo.final_returns)
     np.testing.assert_allclose(mopg.used, [2, 1])
@@ -38,7 +41,8 @@ def test_arms_are_measured_against_the_control(run_dirs):
     header, *rows = ablation.table([ppo, mopg])
     by_name = {row[0]: dict(zip(header, row, strict=True)) for row in rows}
     assert by_name["mopg"]["P(better)"] == "1.00"
-    assert by_name["mopg"]["minus control [95% interval]"].startswith("100.0 [")
+    assert by_name["mopg"]["seeds"] == "2"
+    assert by_name["mopg"]["minus control [95% interval]"] == "100.0"  # two seeds, no interval
     assert by_name["mopg"]["options used"] == "1/2 use 2+"
     assert by_name["ppo"]["options used"] == by_name["ppo"]["duration"] == "-"
 
@@ -46,5 +50,5 @@ def test_arms_are_measured_against_the_control(run_dirs):
 @pytest.mark.parametrize(("returns", "failed"), [([-4.0, -5.0, -9.0], 1), ([4.0, 5.0, 1.0], 1)])
 def test_a_seed_far_below_the_median_has_failed(returns, failed):
     nothing = np.full(3, np.nan)
-    arm = ablation.Arm("ppo", np.array(returns), nothing, nothing, nothing, 0.0)
+    arm = ablation.Arm("ppo", "all", 9, np.array(returns), nothing, nothing, nothing, 0.0)
     assert arm.failed == failed

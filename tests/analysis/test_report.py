@@ -49,6 +49,7 @@ def test_of_a_single_option_is_shown_what_it_has_to_show(tmp_path):
     assert "<li>Do the options differ, and do they matter?: The policy has one option.</li>" in page
     assert "<li>Video: no luck.</li>" in page
     assert "95% interval" not in page
+    assert "<td>return of all 2,048 steps</td>" in page
 
 
 def test_several_options_and_seeds_have_the_rest(tmp_path):
@@ -62,7 +63,7 @@ def test_several_options_and_seeds_have_the_rest(tmp_path):
     assert "The options are practically identical" in page
     assert "practically nothing" in page
     assert "each of 2 trainings" in page
-    assert "7.00 [7.00, 7.00] (interquartile mean, 95% interval)" in page
+    assert "7.00 (interquartile mean of 2 seeds)" in page
 
 
 def test_the_explorers_chart_ends_where_the_noise_of_the_actions_does():

@@ -18,20 +18,26 @@ SUITE = Suite(
 )
 
 
-def cell(*returns):
-    return Cell(CONFIG, {"last_100k_steps": np.array(returns)}, {})
+def cell(*returns, times=3):
+    """A cell of each of the returns so many times: of six seeds, say."""
+    return Cell(CONFIG, {"last_100k_steps": np.repeat(returns, times)}, {})
 
 
 def test_arms_are_held_against_the_control_where_both_are_published():
     cells = {
         "hopper": {"mopg": cell(3.0, 4.0), "ppo": cell(1.0, 2.0), "dac": cell(0.0, 0.0)},
-        "ant": {"mopg": cell(1.0, 1.0), "ppo": cell(1.0, 1.0, 1.0)},
+        "ant": {"mopg": cell(1.0, 1.0), "ppo": cell(1.0, times=9)},
         "reacher": {"mopg": cell(9.0, 9.0), "dac": cell(9.0, 9.0)},
     }
     header, *rows = all_tasks(SUITE, cells)
-    assert header[2].startswith("P(better than ppo)")
+    assert header[3].startswith("P(better than ppo)")
     # dac meets the control on one task alone
-    assert rows == [["mopg", "2", "0.75 [0.75, 0.75]", ""]]
+    # and few seeds have no interval, all tasks' together
+    few = {task: {name: cell(1.0) for name in ("mopg", "ppo")} for task in ("hopper", "ant")}
+    assert all_tasks(SUITE, few)[1] == ["mopg", "2", "3", "0.50 [0.50, 0.50]", ""]
+    few = {task: {name: cell(1.0, times=2) for name in ("mopg", "ppo")} for task in few}
+    assert all_tasks(SUITE, few)[1] == ["mopg", "2", "2", "0.50", ""]
+    assert rows == [["mopg", "2", "6", "0.75 [0.75, 0.75]", ""]]
 
 
 def test_the_first_arm_is_held_against_the_others():
@@ -41,10 +47,10 @@ def test_the_first_arm_is_held_against_the_others():
         "reacher": {"ppo": cell(9.0, 9.0), "dac": cell(9.0, 9.0)},  # not mopg
     }
     header, *rows = all_tasks(SUITE, cells)
-    assert header[3].startswith("P(mopg better)")
+    assert header[4].startswith("P(mopg better)")
     assert rows == [
-        ["mopg", "2", "0.75 [0.75, 0.75]", ""],
-        ["dac", "2", "0.25 [0.25, 0.25]", "0.75 [0.75, 0.75]"],
+        ["mopg", "2", "6", "0.75 [0.75, 0.75]", ""],
+        ["dac", "2", "6", "0.25 [0.25, 0.25]", "0.75 [0.75, 0.75]"],
     ]
 
 

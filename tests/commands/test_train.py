@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -58,7 +59,9 @@ def test_a_run_leaves_what_it_promises(finished):
     lines = result.stdout.splitlines()
     assert lines[0] == "mopg on invertedpendulum, physics native on 2 × CPU, 16 envs × 2 seeds"
     assert lines[1] == "compiling ..."
-    assert lines[-1] == f"Saved in {run_dir}."
+    assert lines[-2] == f"Saved in {run_dir}."
+    score = r"-?\d+\.\d+ \(interquartile mean of 2 seeds\)\."
+    assert re.fullmatch(f"Return of all 8,192 steps: {score}", lines[-1])
     assert all("\n" not in line for line in lines if "env steps" in line)
     names = {p.name for p in run_dir.iterdir()}
     expected = {

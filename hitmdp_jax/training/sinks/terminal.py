@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -15,6 +15,8 @@ from rich.table import Table
 from hitmdp_jax.learning.episodes import RECENT_EPISODES
 from hitmdp_jax.learning.options import mean_duration
 from hitmdp_jax.training.sinks.base import Values
+from hitmdp_jax.training.sweep import Training
+from hitmdp_jax.training.sweep import label as label_of
 
 WINDOW = 20  # reports that the shown means span, but for the return, which says its own
 PLAIN_INTERVAL = 10.0  # seconds between lines where there is no terminal
@@ -26,13 +28,23 @@ class TerminalSink:
 
     Args:
       total_steps: environment steps of one seed.
+      trainings: what each row of the metrics belongs to. Of a sweep the setting whose return is
+        highest is shown: the seeds of one setting alone are repetitions of one another.
       done_steps: of these, how many an earlier process did.
       quiet: show nothing.
     """
 
     name = "the terminal"
 
-    def __init__(self, total_steps: int, done_steps: int = 0, quiet: bool = False):
+    def __init__(
+        self,
+        total_steps: int,
+        trainings: Sequence[Training],
+        done_steps: int = 0,
+        quiet: bool = False,
+    ):
+        self._trainings = trainings
+        self._settings = np.array([training.setting for training in trainings])
         self._console = Console(highlight=False, soft_wrap=True, quiet=quiet)
         self._progress = Progress(
             TextColumn("{task.description}"),
@@ -91,23 +103,27 @@ class TerminalSink:
         return table
 
     def _facts(self) -> list[tuple[str, str]]:
-        """Return what is shown: means over the last reports and all seeds."""
-        newest = self._recent[-1]
-        facts = [("steps/s", f"{self._mean('steps_per_second').sum():,.0f}")]
-        returns = newest["recent_return"]
+        """Return what is shown: means over the last reports and the seeds of one setting."""
+        newest, best = self._recent[-1], self._best()
+        speed = self._mean("steps_per_second").sum()  # of all trainings together
+        facts = [] if np.isnan(speed) else [("steps/s", f"{speed:,.0f}")]
+        if swept := self._trainings[int(best.argmax())].swept:
+            facts.append((f"best of {len(set(self._settings))} settings", label_of(swept)))
+        returns = newest["recent_return"][best]
         known = returns[~np.isnan(returns)]
         if known.size:
             spread = f" ± {known.std():,.1f} over {known.size} seeds" if known.size > 1 else ""
             label = f"return of the last {RECENT_EPISODES} episodes"
             facts.append((label, f"{known.mean():,.1f}{spread}"))
         if "option_steps" in newest:
-            steps = np.nansum([np.nansum(m["option_steps"], axis=0) for m in self._recent], axis=0)
-            activations = np.nansum([np.nansum(m["option_activations"]) for m in self._recent])
+            counts = [np.nansum(m["option_steps"][best], axis=0) for m in self._recent]
+            steps = np.sum(counts, axis=0)
+            activations = np.sum([np.nansum(m["option_activations"][best]) for m in self._recent])
             usage = " ".join(f"{share:.0%}" for share in steps / max(steps.sum(), 1))
             duration = mean_duration(steps.sum(), activations)
             facts += [("option usage", usage), ("option duration", f"{duration:.1f} steps")]
         for label, suffix in PARTS:
-            means = {name: self._mean(name) for name in newest if name.endswith(suffix)}
+            means = {name: self._mean(name)[best] for name in newest if name.endswith(suffix)}
             known = {name: x for name, x in means.items() if not np.isnan(x).all()}
             parts = [f"{n.removesuffix(suffix)} {np.nanmean(x):.3f}" for n, x in known.items()]
             if parts:
@@ -117,6 +133,17 @@ class TerminalSink:
         if newest["diverged"].any():
             facts.append(("diverged seeds", f"{newest['diverged'].sum():.0f}"))
         return facts
+
+    def _best(self) -> np.ndarray:
+        """Return which trainings [S] are of the setting whose mean return is highest."""
+        returns = self._recent[-1]["recent_return"]
+        known = np.isfinite(returns)
+        means = {
+            setting: returns[known & (self._settings == setting)].mean()
+            for setting in np.unique(self._settings[known])
+        }
+        chosen = max(means, key=means.__getitem__) if means else self._settings[0]
+        return self._settings == chosen
 
     def _mean(self, name: str) -> np.ndarray:
         """Return a metric's mean [S] over the last reports that know it."""

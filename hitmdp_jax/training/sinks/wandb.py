@@ -28,8 +28,8 @@ class WandbSink:
 
     Args:
       run_dir: the run's folder, whose name groups the runs.
-      config: the run's settings. `wandb` is "program" (means over all trainings) or "seed"
-        (one of theirs for each training).
+      config: the run's settings. `wandb` is "program" (means over seeds: one of theirs, in a sweep
+        one for each setting) or "seed" (one of theirs for each training).
     """
 
     name = "Weights & Biases"
@@ -37,17 +37,21 @@ class WandbSink:
     def __init__(self, run_dir: Path, config: RunConfig):
         import wandb
 
-        self._by_seed = config.wandb == "seed"
-        trainings = config.trainings if self._by_seed else [None]
+        by_seed, trainings = config.wandb == "seed", config.trainings
+        groups: dict[int, list[int]] = {}
+        for i, training in enumerate(trainings):
+            groups.setdefault(i if by_seed else training.setting, []).append(i)
         folder = run_dir.absolute()
         subfolder(folder, WANDB)  # theirs, so that they follow no link there
 
-        def begin(training: Training | None) -> Any:
+        def begin(training: Training) -> Any:
             name, settings = folder.name, config.to_dict()
-            if training is not None:
-                setting = f"-setting{training.setting}" if training.swept else ""
-                name += f"{setting}-seed{training.seed}"
-                settings |= {"seed": training.seed, "swept": training.swept}
+            if training.swept:
+                name += f"-setting{training.setting}"
+                settings |= {"swept": training.swept}
+            if by_seed:
+                name += f"-seed{training.seed}"
+                settings |= {"seed": training.seed}
             return wandb.init(
                 project="hitmdp_jax",
                 dir=str(folder),
@@ -60,15 +64,14 @@ class WandbSink:
                 settings=wandb.Settings(silent=True),
             )
 
-        self._runs = [begin(training) for training in trainings]
+        self._runs = [(begin(trainings[places[0]]), places) for places in groups.values()]
 
     def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
         """Log what is known."""
-        for i, run in enumerate(self._runs):
+        for run, places in self._runs:
             points = {}
             for name, x in columns(metrics):
-                known = x[i : i + 1] if self._by_seed else x
-                known = known[~np.isnan(known)]
+                known = x[places][~np.isnan(x[places])]
                 if known.size:
                     points[name] = float(known.mean())
             run.log(points, step=env_steps, commit=True)
@@ -78,5 +81,5 @@ class WandbSink:
 
     def close(self) -> None:
         """Finish the runs."""
-        for run in self._runs:
+        for run, _ in self._runs:
             run.finish()

@@ -5,6 +5,7 @@ import pytest
 from rich.console import Console
 
 from hitmdp_jax.training.sinks.terminal import TerminalSink
+from tests.probes import trainings
 
 
 def metrics(num_seeds=1, **changes):
@@ -28,7 +29,7 @@ def shown(monkeypatch):
         out = io.StringIO()
         console = Console(file=out, width=80, force_terminal=terminal, highlight=False)
         monkeypatch.setattr("hitmdp_jax.training.sinks.terminal.Console", lambda **_: console)
-        sink = TerminalSink(total)
+        sink = TerminalSink(total, trainings(len(reports[0]["diverged"])))
         for i, report in enumerate(reports, start=1):
             sink.write(i, 2048 * i, report)
         sink.close()
@@ -62,6 +63,10 @@ def test_what_went_wrong_is_shown(shown):
 
 def test_before_an_episode_ended_no_return_is_shown(shown):
     assert "return" not in shown(metrics(recent_return=np.array([np.nan])))
+
+
+def test_a_speed_that_is_not_known_yet_is_not_shown(shown):
+    assert "steps/s" not in shown(metrics(steps_per_second=np.array([np.nan])))
 
 
 def test_a_terminal_shows_progress(shown):

@@ -10,21 +10,35 @@ from hitmdp_jax.training.sinks import WandbSink
 METRICS = {"a_metric": np.array([1.0, np.nan]), "option_steps": np.array([[1.0, 2.0], [3.0, 4.0]])}
 
 
-@pytest.mark.parametrize("mode", ["program", "seed"])
-def test_metrics_are_logged_at_environment_steps(tmp_path, monkeypatch, mode):
+SWEEP = {"algo.gamma": [0.9, 0.99]}
+NAMES = {  # what is logged: mode, sweep -> name, whether it holds `a_metric`
+    ("program", False): {b"now": True},
+    ("seed", False): {b"now-seed0": True, b"now-seed1": False},
+    ("program", True): {b"now-setting0": True, b"now-setting1": False},
+}
+
+
+@pytest.mark.parametrize(("mode", "swept"), NAMES)
+def test_metrics_are_logged_at_environment_steps(tmp_path, monkeypatch, mode, swept):
     monkeypatch.setenv("WANDB_MODE", "offline")
     run_dir = tmp_path / "halfcheetah" / "ppo" / "now"
     run_dir.mkdir(parents=True)
-    config = RunConfig(algo={"name": "ppo"}, env={"name": "halfcheetah"}, seeds=2, wandb=mode)
+    config = RunConfig(
+        algo={"name": "ppo"},
+        env={"name": "halfcheetah"},
+        seeds=1 if swept else 2,
+        sweep=SWEEP if swept else None,
+        wandb=mode,
+    )
     sink = WandbSink(run_dir, config)
     sink.write(1, 2048, METRICS)
     sink.close()
     wandb.teardown()  # waits until its background process has written everything
     files = {path: path.read_bytes() for path in (run_dir / "wandb").rglob("*.wandb")}
-    names = {b"now"} if mode == "program" else {b"now-seed0", b"now-seed1"}
+    names = NAMES[mode, swept]
     assert len(files) == len(names)
-    for name in names:
+    for name, known in names.items():
         (logged,) = [data for data in files.values() if name in data]
         assert b"option_steps_1" in logged
-        # NaN: the second seed had no `a`, and the mean over seeds is the first one's.
-        assert (b"a_metric" in logged) == (name != b"now-seed1")
+        # NaN: the second training had no `a`, and a mean over seeds is the first one's.
+        assert (b"a_metric" in logged) == known
