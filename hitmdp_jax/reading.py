@@ -1,6 +1,7 @@
 """Reading files that may be damaged or a stranger's: what is wrong is a sentence with its line."""
 
 import csv
+import io
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -135,7 +136,7 @@ def read_rows(
     Raises:
       UsageError: the file cannot be read, or a row has not one cell a column.
     """
-    lines = read_text(path).splitlines(keepends=True)
+    lines = io.StringIO(read_text(path)).readlines()  # which no other separator ends
     if lines and not lines[-1].endswith("\n"):
         if not unfinished:
             raise unreadable(path, "it ends in the middle", len(lines))
