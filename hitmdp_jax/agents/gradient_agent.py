@@ -17,6 +17,7 @@ from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.surrogate import clipped_surrogate
 from hitmdp_jax.learning.value_scale import decay, rescale
 from hitmdp_jax.networks.mlp import ACTIVATIONS
+from hitmdp_jax.precision import in_32_bits
 
 
 class GradientAgent(Agent):
@@ -40,7 +41,8 @@ class GradientAgent(Agent):
 
     def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
         """Return new parameters and optimiser state."""
-        params = self.network(action_size).init(key, jnp.zeros((1, observation_size)))["params"]
+        obs = jnp.zeros((1, observation_size), jnp.float32)
+        params = self.network(action_size).init(key, obs)["params"]
         return LearnerState(params, self.optimizer().init(params))
 
     def returns(self, batch: Batch, next_value: jax.Array) -> jax.Array:
@@ -88,7 +90,7 @@ class ClippedAgent(GradientAgent):
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:
         """Evaluate the rollout, then learn from it."""
-        data, metrics = self.targets(state.params, batch)
+        data, metrics = in_32_bits(self.targets(state.params, batch))  # Distrax's entropy is not
         state, diagnostics = self.learn(state, data, key)
         return state, metrics | diagnostics
 
@@ -150,7 +152,8 @@ class ScaledAgent(ClippedAgent):
 
     def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
         """Return new parameters and optimiser state, and the whole learning rate."""
-        return super().init(key, observation_size, action_size).replace(extra=jnp.ones(()))
+        state = super().init(key, observation_size, action_size)
+        return state.replace(extra=jnp.ones((), jnp.float32))
 
     def bonus(self, advantage: jax.Array) -> jax.Array:
         """Return what a loss weighs an entropy with [T, B], beside that advantage standardised.
@@ -172,7 +175,8 @@ class ScaledAgent(ClippedAgent):
         state, metrics = self.replace(learning_rate=rate).optimize(self.loss, state, data, key)
         # None where a surrogate of one's own does not measure it.
         each = [x for name, x in metrics.items() if name.endswith("_kl")]
-        share = adapted_share(state.extra, jnp.stack([jnp.zeros(()), *each]).max(), self.target_kl)
+        kl = jnp.stack([jnp.zeros_like(state.extra), *each]).max()
+        share = adapted_share(state.extra, kl, self.target_kl)
         return state.replace(extra=share), metrics | {"learning_rate": rate}
 
     def value_loss(

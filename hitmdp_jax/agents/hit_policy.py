@@ -17,7 +17,7 @@ EMBEDDINGS = ("equal", "normal")
 
 def equal_norm(key: jax.Array, shape: tuple[int, int]) -> jax.Array:
     """Return rows [K, E] of norm sqrt(E) in random directions: every option as likely to last."""
-    rows = jax.random.normal(key, shape)
+    rows = jax.random.normal(key, shape, jnp.float32)
     return rows / jnp.sqrt(jnp.square(rows).mean(axis=-1, keepdims=True))
 
 
@@ -46,7 +46,7 @@ class HitNetwork(nn.Module):
 
     def setup(self):
         """Declare the parts."""
-        init = equal_norm if self.form == "equal" else nn.initializers.normal(1.0)
+        init = equal_norm if self.form == "equal" else nn.initializers.normal(1.0, jnp.float32)
         shape = self.num_options, self.embedding_size
         self.embeddings = self.param("embeddings", init, shape)
         # An input of norm sqrt(E) would outweigh the state.
@@ -69,7 +69,8 @@ class HitNetwork(nn.Module):
 
     def master(self, obs: jax.Array, previous: jax.Array) -> jax.Array:
         """Return log P(o | s, o_{t-1}) [..., K] for obs [..., O], previous [...]."""
-        logits = self.encoder(obs, previous, self.embeddings, jnp.asarray(self.similarity))
+        similarity = jnp.asarray(self.similarity, jnp.float32)
+        logits = self.encoder(obs, previous, self.embeddings, similarity)
         return jax.nn.log_softmax(logits)
 
     def action(self, obs: jax.Array, option: jax.Array) -> distrax.MultivariateNormalDiag:
@@ -79,7 +80,7 @@ class HitNetwork(nn.Module):
 
     def q(self, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return Q_O[s, o_t] [...] for obs [..., O], memory [...] with o_t as its newest option."""
-        every = self.option_scale * jnp.eye(self.num_options**self.value_order)
+        every = self.option_scale * jnp.eye(self.num_options**self.value_order, dtype=jnp.float32)
         return self.critic(obs, every, memory)
 
     def every_action(self, obs: jax.Array) -> distrax.MultivariateNormalDiag:
@@ -171,7 +172,8 @@ class HitPolicy(GradientAgent):
         """Return the previous options of an episode's start."""
         if self.initial_option == "first":
             return jnp.zeros(batch_shape, jnp.int32)
-        return jax.random.randint(key, batch_shape, 0, self.num_options**self.value_order)
+        number = self.num_options**self.value_order
+        return jax.random.randint(key, batch_shape, 0, number, jnp.int32)
 
     def remember(self, memory: jax.Array, option: jax.Array) -> jax.Array:
         """Return the memory after an option was taken."""
@@ -194,6 +196,7 @@ class HitPolicy(GradientAgent):
         log_option = self.option_log_probs(params, obs, self.previous_option(memory))
         master: Any = distrax.Categorical(log_option)
         option = master.mode() if deterministic else master.sample(seed=key_option)
+        option = option.astype(jnp.int32)
         policy = self.policy(params, obs, option)
         action = policy.mode() if deterministic else policy.sample(seed=key_action)
         return action, self.remember(memory, option), option

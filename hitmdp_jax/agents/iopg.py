@@ -1,5 +1,6 @@
 """IOPG: the Inferred Option Policy Gradient (Smith, Hoof & Pineau, ICML 2018)."""
 
+import math
 from typing import Any
 
 import jax
@@ -51,7 +52,8 @@ class IOPG(OptionAgent):
     def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> BeliefMemory:
         """Return the memory of an episode's start: no option is under way."""
         start = super().initial_memory(key, batch_shape)
-        uniform = jnp.full((*batch_shape, self.num_options), -jnp.log(self.num_options))
+        shape = *batch_shape, self.num_options
+        uniform = jnp.full(shape, -math.log(self.num_options), jnp.float32)
         return BeliefMemory(start.previous, start.initial, uniform)
 
     def act(

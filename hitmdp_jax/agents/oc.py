@@ -44,7 +44,7 @@ class OC(OptionAgent):
     def heads(self, params: Any, obs: jax.Array) -> OptionHeads:
         """Evaluate the network in states [..., O], the epsilon-greedy policy as the master."""
         heads = super().heads(params, obs)
-        best = jax.nn.one_hot(heads.value.argmax(-1), self.num_options)
+        best = jax.nn.one_hot(heads.value.argmax(-1), self.num_options, dtype=jnp.float32)
         master = self.epsilon / self.num_options + (1.0 - self.epsilon) * best
         return heads.replace(log_master=jnp.log(master))
 

@@ -80,6 +80,7 @@ class OptionAgent(GradientAgent):
         """Draw o_t [...], or take the likeliest; return it and the record."""
         options: Any = distrax.Categorical(self.option_log_probs(heads, memory))
         option = options.mode() if deterministic else options.sample(seed=key)
+        option = option.astype(jnp.int32)
         return option, option
 
     def act(

@@ -58,7 +58,7 @@ class Directed(Agent):
 
     def option_probs(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return 1 for the option that is due, [..., K]."""
-        return jax.nn.one_hot(self._due(memory), number_of_options(self.agent))
+        return jax.nn.one_hot(self._due(memory), number_of_options(self.agent), dtype=jnp.float32)
 
     def policy(self, params: Any, obs: jax.Array, option: jax.Array) -> Any:
         """Return P(a | s, o) of the agent."""

@@ -13,6 +13,7 @@ from hitmdp_jax.envs import check_env
 from hitmdp_jax.envs.action_repeat import EPISODE_LENGTH, action_repeat_of, steps_taken
 from hitmdp_jax.envs.physics import PhysicsState
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.precision import as_before, in_32_bits
 from hitmdp_jax.training.policy import Policy
 
 COORDINATES = ("qpos", "qvel", "ctrl")
@@ -92,7 +93,7 @@ def record(
     def step(carry: Any, key: jax.Array):
         state, memory, alive = carry
         decision, memory = _decide(policy, state.obs, memory, key, deterministic)
-        new_state = jax.vmap(env.step)(state, decision["action"])
+        new_state = as_before(jax.vmap(env.step)(state, decision["action"]), state)
         seen = {
             "obs": state.obs,
             "reward": jnp.where(alive, new_state.reward, 0.0),
@@ -105,14 +106,14 @@ def record(
 
     start = (
         jax.vmap(env.reset)(jax.random.split(key_reset, num_episodes)),
-        policy.initial_memory(key_memory, (num_episodes,)),
+        in_32_bits(policy.initial_memory(key_memory, (num_episodes,))),
         jnp.ones(num_episodes, bool),
     )
     limit = getattr(env, "episode_length", EPISODE_LENGTH)
     keys = jax.random.split(key_steps, -(-limit // action_repeat_of(env)))
     (_, _, alive), steps = jax.lax.scan(step, start, keys)
     success = jax.tree.map(lambda x: x.max(axis=0), steps.pop("success"))
-    return Trajectories(**steps, terminated=~alive, success=success)
+    return in_32_bits(Trajectories(**steps, terminated=~alive, success=success))
 
 
 def record_in_gymnasium(
@@ -178,7 +179,7 @@ def _decide(
         "option": agent.option_of(noted),
         "option_probs": agent.option_probs(params, obs, memory),
     }
-    return decision, new_memory
+    return in_32_bits((decision, new_memory))
 
 
 def _so_far(state: State, alive: jax.Array) -> jax.Array | None:

@@ -11,6 +11,7 @@ import mujoco
 from brax.envs.base import Env, State
 
 from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState, SolverBudget, find_engine
+from hitmdp_jax.precision import in_32_bits
 
 __all__ = ["MujocoEnv", "SolverBudget", "has_model"]
 
@@ -61,7 +62,7 @@ class MujocoEnv(Env):
         self._action_low, self._action_high = (
             jnp.asarray(model.actuator_ctrlrange.T, jnp.float32)
             if model.actuator_ctrllimited.all()
-            else jnp.array([[-jnp.inf], [jnp.inf]])
+            else jnp.array([[-jnp.inf], [jnp.inf]], jnp.float32)
         )
 
     @abc.abstractmethod
@@ -89,14 +90,15 @@ class MujocoEnv(Env):
     def reset_to(self, qpos: jax.Array, qvel: jax.Array) -> State:
         """Start an episode from given generalised coordinates: qpos [nq], qvel [nv]."""
         data = self.physics.initial(qpos, qvel)
-        zero = jnp.zeros(())
-        return State(
+        zero = jnp.zeros((), jnp.float32)
+        state = State(
             pipeline_state=data,  # pyright: ignore[reportArgumentType]
             obs=self.observation(data),
             reward=zero,
             done=zero,
             metrics=dict.fromkeys((*self.reward_terms, "unstable"), zero),
         )
+        return in_32_bits(state)
 
     def step(self, state: State, action: jax.Array) -> State:
         """Advance one control step of `dt` seconds under `action` [A].
@@ -106,12 +108,12 @@ class MujocoEnv(Env):
         """
         before = state.pipeline_state
         assert isinstance(before, PhysicsState)
-        action = jnp.clip(action, self._action_low, self._action_high)
+        action = jnp.clip(jnp.asarray(action, jnp.float32), self._action_low, self._action_high)
         valid = ~jnp.isnan(action).any()
         action = jnp.where(valid, action, 0.0)
         after = self.physics.step(before, action)
         reward, terms = self.reward(before, after, action)
-        zero, one = jnp.zeros(()), jnp.ones(())
+        zero, one = jnp.zeros((), jnp.float32), jnp.ones((), jnp.float32)
         terms = {name: terms[name] for name in self.reward_terms}
         good = state.replace(  # pyright: ignore[reportAttributeAccessIssue]
             pipeline_state=after,
@@ -126,7 +128,7 @@ class MujocoEnv(Env):
             metrics=state.metrics | dict.fromkeys(terms, zero) | {"unstable": one},
         )
         stable = valid & ~after.unstable
-        return jax.tree.map(lambda a, b: jnp.where(stable, a, b), good, lost)
+        return jax.tree.map(lambda a, b: jnp.where(stable, a, b), in_32_bits(good), lost)
 
     @property
     def dt(self) -> float:

@@ -7,6 +7,7 @@ from flax import struct
 
 from hitmdp_jax.envs.action_repeat import EPISODE_LENGTH, steps_taken
 from hitmdp_jax.mesh import each_device, on_every_device
+from hitmdp_jax.precision import as_before, in_32_bits
 
 # Initial states computed together. Hundreds at once can block XLA's threads: see `set_up_host`.
 RESET_CHUNK = 32
@@ -72,8 +73,8 @@ class VectorEnv:
         """Start every environment."""
         key_env, key_pool, key_clock = jax.random.split(key, 3)
         states = each_device(jax.vmap(self.env.reset), jax.random.split(key_env, self.num_envs))
-        zeros = jnp.zeros(self.num_envs)
-        clock = jax.random.randint(key_clock, (self.num_envs,), 0, self.episode_length)
+        zeros = jnp.zeros(self.num_envs, jnp.float32)
+        clock = jax.random.randint(key_clock, (self.num_envs,), 0, self.episode_length, jnp.int32)
         return VectorState(
             env=states,
             clock=clock if self.stagger else jnp.zeros_like(clock),
@@ -89,16 +90,17 @@ class VectorEnv:
 
     def step(self, state: VectorState, action: jax.Array) -> tuple[VectorState, Step]:
         """Step every environment under `action` [B, A]; restart those whose episode ended."""
-        env = each_device(jax.vmap(self.env.step), state.env, action)
+        env = as_before(each_device(jax.vmap(self.env.step), state.env, action), state.env)
+        reward, metrics = in_32_bits((env.reward, env.metrics))
         taken = steps_taken(state.env, env)
         clock = state.clock + taken
         length = state.episode_length + taken
-        episode_return = state.episode_return + env.reward
+        episode_return = state.episode_return + reward
         terminated = env.done.astype(bool)
         truncated = (clock >= self.episode_length) & ~terminated
         ended = terminated | truncated
         step = Step(
-            reward=env.reward,
+            reward=reward,
             terminated=terminated,
             truncated=truncated,
             next_obs=env.obs,  # pyright: ignore[reportArgumentType]
@@ -106,10 +108,10 @@ class VectorEnv:
             episode_length=length,
             started=state.episode_length == 0,
             finished=ended & (clock == length),
-            metrics=env.metrics,
+            metrics=metrics,
         )
         # Its place among those that ended in this step: summed up once they are all there.
-        place = on_every_device(jnp.cumsum(on_every_device(ended)))
+        place = on_every_device(jnp.cumsum(on_every_device(ended), dtype=jnp.int32))
         fresh_index = (state.next_fresh + place - 1) % self.pool_size
 
         def restart(fresh: jax.Array, running: jax.Array) -> jax.Array:

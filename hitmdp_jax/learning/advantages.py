@@ -43,7 +43,7 @@ def generalized_advantages(
     ended = terminated | truncated
     nothing_follows = terminated if bootstrap_on_truncation else ended
     delta = reward + gamma * jnp.where(nothing_follows, 0.0, next_value) - value
-    decay = gamma * gae_lambda * (1.0 - ended)
+    decay = gamma * gae_lambda * (1.0 - ended.astype(reward.dtype))
 
     def backward(advantage: jax.Array, inputs: tuple[jax.Array, jax.Array]):
         delta_t, decay_t = inputs

@@ -20,7 +20,7 @@ class EpisodeWindow(struct.PyTreeNode):
     @classmethod
     def empty(cls) -> "EpisodeWindow":
         """Return the window of a seed that has finished no episode."""
-        zeros = jnp.zeros(RECENT_EPISODES)
+        zeros = jnp.zeros(RECENT_EPISODES, jnp.float32)
         return cls(zeros, zeros, jnp.zeros((), jnp.int32))
 
     def add(self, outcome: Step) -> "EpisodeWindow":

@@ -10,7 +10,7 @@ CHOICES = ("none", "action", "usage", "previous")
 
 def usage(option: jax.Array, num_options: int) -> jax.Array:
     """Return the share [K] of each option among the options [...] of a batch."""
-    return jax.nn.one_hot(option.ravel(), num_options).mean(axis=0)
+    return jax.nn.one_hot(option.ravel(), num_options, dtype=jnp.float32).mean(axis=0)
 
 
 def option_posterior(log_master: jax.Array, log_action: jax.Array) -> jax.Array:

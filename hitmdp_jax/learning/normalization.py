@@ -6,15 +6,17 @@ from brax.training.acme import running_statistics
 from brax.training.acme.running_statistics import NestedMeanStd, RunningStatisticsState
 from jax.typing import ArrayLike
 
+from hitmdp_jax.precision import in_32_bits
+
 OBSERVATION_CLIP = 10.0  # normalised observations lie within +-10 standard deviations
 MIN_STD = 1e-4
 
 
 def initial_statistics(observation_size: int) -> RunningStatisticsState:
     """Return the statistics of no observation: mean 0, standard deviation 1."""
-    statistics = running_statistics.init_state(jnp.zeros(observation_size))
+    statistics = running_statistics.init_state(jnp.zeros(observation_size, jnp.float32))
     # Brax's Python numbers get the types they have in a checkpoint: the program is one for both.
-    return jax.tree.map(lambda x: jnp.asarray(x, jnp.asarray(x).dtype), statistics)
+    return jax.tree.map(lambda x: in_32_bits(jnp.asarray(x, jnp.asarray(x).dtype)), statistics)
 
 
 def update_statistics(statistics: RunningStatisticsState, obs: jax.Array) -> RunningStatisticsState:
@@ -24,7 +26,7 @@ def update_statistics(statistics: RunningStatisticsState, obs: jax.Array) -> Run
     Stable-Baselines3's VecNormalize. Brax's own floor of 1e-6 is below the rounding of a mean of
     order 1 and made +-1.9 of observations that never change.
     """
-    return running_statistics.update(statistics, _as_floats(obs), std_min_value=MIN_STD)
+    return in_32_bits(running_statistics.update(statistics, _as_floats(obs), std_min_value=MIN_STD))
 
 
 def normalize(obs: ArrayLike, statistics: NestedMeanStd) -> jax.Array:

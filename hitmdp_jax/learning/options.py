@@ -141,7 +141,7 @@ def option_statistics(
     Returns:
       `option_steps` [K] and `option_activations` [K], float counts.
     """
-    one_hot = jax.nn.one_hot(option, num_options)
+    one_hot = jax.nn.one_hot(option, num_options, dtype=jnp.float32)
     activated = started | (option != previous)
     return {
         "option_steps": one_hot.sum(axis=(0, 1)),

@@ -9,6 +9,7 @@ from flax import struct
 
 from hitmdp_jax.envs.vector import Step, VectorEnv, VectorState
 from hitmdp_jax.learning.normalization import normalize
+from hitmdp_jax.precision import in_32_bits
 
 
 class Actor(Protocol):
@@ -83,10 +84,11 @@ def collect(
     def step(carry: RolloutState, key: jax.Array):
         key_act, key_memory = jax.random.split(key)
         obs, memory = observation_of(carry.env), carry.memory
-        action, new_memory, record = agent.act(params, normalize(obs, normalizer), memory, key_act)
+        acted = agent.act(params, normalize(obs, normalizer), memory, key_act)
+        action, new_memory, record = in_32_bits(acted)
         env_state, outcome = env.step(carry.env, action)
         ended = outcome.terminated | outcome.truncated
-        fresh = agent.initial_memory(key_memory, ended.shape)
+        fresh = in_32_bits(agent.initial_memory(key_memory, ended.shape))
 
         def restart(new: jax.Array, old: jax.Array) -> jax.Array:
             return jnp.where(ended.reshape(-1, *([1] * (old.ndim - 1))), new, old)

@@ -34,7 +34,10 @@ class ActionDecoder(nn.Module):
         features = MLP(self.sizes, self.activation, name="body")(obs, *option)
         mean = nn.Dense(self.action_size, kernel_init=orthogonal(self.head_gain), name="mean")
         log_std = self.param(
-            "log_std", nn.initializers.constant(self.initial_log_std), (self.action_size,)
+            "log_std",
+            nn.initializers.constant(self.initial_log_std),
+            (self.action_size,),
+            jnp.float32,
         )
         loc = mean(features)
         return distrax.MultivariateNormalDiag(loc, jnp.broadcast_to(jnp.exp(log_std), loc.shape))
@@ -59,6 +62,6 @@ class Critic(nn.Module):
         """Map `MLP`'s arguments to values [...]."""
         features = MLP(self.sizes, self.activation, name="body")(obs, *option)
         value = nn.Dense(1, kernel_init=orthogonal(1.0), name="value")(features).squeeze(-1)
-        shift = self.param("shift", nn.initializers.zeros, ())
-        scale = self.param("scale", nn.initializers.ones, ())
+        shift = self.param("shift", nn.initializers.zeros, (), jnp.float32)
+        scale = self.param("scale", nn.initializers.ones, (), jnp.float32)
         return jax.lax.stop_gradient(shift) + jax.lax.stop_gradient(scale) * value

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import flax.linen as nn
 import jax
+import jax.numpy as jnp
 
 ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {"relu": nn.relu, "tanh": nn.tanh}
 HIDDEN_GAIN = 2.0**0.5
@@ -18,7 +19,8 @@ def orthogonal(gain: float) -> nn.initializers.Initializer:
     initialize = nn.initializers.orthogonal(gain)
 
     def init(key: jax.Array, shape: tuple[int, ...], dtype: object = None) -> jax.Array:
-        return jax.custom_batching.sequential_vmap(lambda k: initialize(k, shape))(key)
+        one = jax.custom_batching.sequential_vmap(lambda k: initialize(k, shape, jnp.float32))
+        return one(key)
 
     return init
 

@@ -88,8 +88,8 @@ class Attention(nn.Module):
         def projection(name: str) -> tuple[jax.Array, jax.Array]:
             kernel = nn.initializers.lecun_normal()
             return (
-                self.param(f"{name}_kernel", kernel, (self.width, self.width)),
-                self.param(f"{name}_bias", nn.initializers.zeros, (self.width,)),
+                self.param(f"{name}_kernel", kernel, (self.width, self.width), jnp.float32),
+                self.param(f"{name}_bias", nn.initializers.zeros, (self.width,), jnp.float32),
             )
 
         (w_query, b_query), (w_key, b_key) = projection("query"), projection("key")

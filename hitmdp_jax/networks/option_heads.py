@@ -24,7 +24,7 @@ class OptionHeads(struct.PyTreeNode):
 
     def policy(self, option: jax.Array) -> Any:
         """Return pi_o(a | s), a distribution over [..., A], of the options [...]."""
-        one_hot = jax.nn.one_hot(option, self.std.shape[0])
+        one_hot = jax.nn.one_hot(option, self.std.shape[0], dtype=self.std.dtype)
         mean = (one_hot[..., None] * self.mean).sum(-2)  # fuses, unlike a gather and its gradient
         return distrax.MultivariateNormalDiag(mean, one_hot @ self.std)
 
@@ -82,7 +82,8 @@ class OptionNetwork(nn.Module):
             axis_size=self.num_options,
         )
         mean = jnp.tanh(each(self.action_size, *body, name="policies")(obs))
-        rho = self.param("rho", nn.initializers.zeros, (self.num_options, self.action_size))
+        shape = self.num_options, self.action_size
+        rho = self.param("rho", nn.initializers.zeros, shape, jnp.float32)
         termination = each(1, *body, name="terminations")(obs).squeeze(-1)
         master = Head(self.num_options, *body, name="master")(obs)
         value = Head(self.num_values, *body, name="critic")(obs)

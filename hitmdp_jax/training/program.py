@@ -20,6 +20,7 @@ from hitmdp_jax.learning.episodes import EpisodeWindow, episode_metrics
 from hitmdp_jax.learning.metrics import Metrics, describe, over_iterations
 from hitmdp_jax.learning.normalization import initial_statistics, update_statistics
 from hitmdp_jax.learning.rollout import RolloutState, collect
+from hitmdp_jax.precision import in_32_bits
 
 # What was not finite where a seed diverged. Checkpoints hold the place: new ones go to the end.
 CAUSES = (
@@ -148,11 +149,11 @@ class Program:
         key, key_agent, key_env, key_memory = jax.random.split(key, 4)
         task = self.env.env
         assert isinstance(task.observation_size, int)
-        memory = agent.initial_memory(key_memory, (self.env.num_envs,))
+        memory = in_32_bits(agent.initial_memory(key_memory, (self.env.num_envs,)))
         zero = jnp.zeros((), jnp.int32)
         state = TrainState(
             hyperparameters=hyperparameters,
-            learner=agent.init(key_agent, task.observation_size, task.action_size),
+            learner=in_32_bits(agent.init(key_agent, task.observation_size, task.action_size)),
             normalizer=initial_statistics(task.observation_size),
             rollout=RolloutState(self.env.reset(key_env), memory),
             episodes=EpisodeWindow.empty(),
@@ -178,7 +179,7 @@ class Program:
             key_rollout,
             self.rollout_length,
         )
-        learner, learning = agent.update(state.learner, batch, key_update)
+        learner, learning = in_32_bits(agent.update(state.learner, batch, key_update))
         new = state.replace(
             learner=learner,
             normalizer=update_statistics(state.normalizer, obs),
@@ -196,7 +197,7 @@ class Program:
             "parameters": learner.params,
         }
         metrics = episode_metrics(outcome) | new.episodes.metrics() | learning
-        return freeze_diverged(state, new, metrics, seen)
+        return freeze_diverged(state, new, in_32_bits(metrics), seen)
 
 
 def watched(learning: Metrics, cause: str) -> list[jax.Array]:

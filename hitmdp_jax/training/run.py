@@ -77,7 +77,7 @@ class Run:
         """
         size = len(self.config.trainings)
         own = {k: jnp.full(size, x, jnp.float32) for k, x in self.agent.traced_values().items()}
-        return own | jax.tree.map(jnp.asarray, self.config.swept)
+        return own | jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), self.config.swept)
 
     def begin(self, task: int, progress: Progress, init: Init) -> TrainState:
         """Return the state [R, ...] in which a run goes on with a task, on its devices.

@@ -56,9 +56,9 @@ class CartpoleBalance(MujocoEnv):
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw the cart near the centre, the pole nearly upright, and small velocities."""
         key_qpos, key_qvel = jax.random.split(key)
-        half_width = jnp.array([INITIAL_POSITION, INITIAL_ANGLE])
-        qpos = jax.random.uniform(key_qpos, (2,), minval=-half_width, maxval=half_width)
-        return qpos, INITIAL_VELOCITY * jax.random.normal(key_qvel, (2,))
+        half_width = jnp.array([INITIAL_POSITION, INITIAL_ANGLE], jnp.float32)
+        qpos = jax.random.uniform(key_qpos, (2,), jnp.float32, -half_width, half_width)
+        return qpos, INITIAL_VELOCITY * jax.random.normal(key_qvel, (2,), jnp.float32)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions, the pole's angle as a point of the circle, and velocities."""

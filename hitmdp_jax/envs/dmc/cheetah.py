@@ -59,7 +59,7 @@ class CheetahRun(MujocoEnv):
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw one of the settled states."""
         qpos, qvel = settled_states(NUM_SETTLED)
-        index = jax.random.randint(key, (), 0, NUM_SETTLED)
+        index = jax.random.randint(key, (), 0, NUM_SETTLED, jnp.int32)
         return jnp.asarray(qpos)[index], jnp.asarray(qvel)[index]
 
     def observation(self, data: PhysicsState) -> jax.Array:

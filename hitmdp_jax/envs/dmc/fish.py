@@ -50,8 +50,8 @@ class FishUpright(MujocoEnv):
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw a uniform orientation and the joints' angles."""
         key_orientation, key_angles = jax.random.split(key)
-        quaternion = jax.random.normal(key_orientation, (4,))
-        angles = jax.random.uniform(key_angles, (7,), minval=-INITIAL_ANGLE, maxval=INITIAL_ANGLE)
+        quaternion = jax.random.normal(key_orientation, (4,), jnp.float32)
+        angles = jax.random.uniform(key_angles, (7,), jnp.float32, -INITIAL_ANGLE, INITIAL_ANGLE)
         qpos = jnp.asarray(self.model.qpos0, jnp.float32)
         qpos = qpos.at[ORIENTATION].set(quaternion / jnp.linalg.norm(quaternion))
         return qpos.at[ANGLES].set(angles), jnp.zeros(self.model.nv)

@@ -64,8 +64,8 @@ class ReacherEasy(MujocoEnv):
         """Draw the arm's angles and the target's place."""
         key_arm, key_radius, key_angle = jax.random.split(key, 3)
         near, far = TARGET_DISTANCE
-        radius = jax.random.uniform(key_radius, minval=near, maxval=far)
-        angle = jax.random.uniform(key_angle, maxval=2 * math.pi)
+        radius = jax.random.uniform(key_radius, (), jnp.float32, minval=near, maxval=far)
+        angle = jax.random.uniform(key_angle, (), jnp.float32, maxval=2 * math.pi)
         target = radius * jnp.stack([jnp.sin(angle), jnp.cos(angle)])
         arm = random_joint_angles(self.model, key_arm)[:NUM_JOINTS]
         return jnp.concatenate([arm, target]), jnp.zeros(self.model.nv)

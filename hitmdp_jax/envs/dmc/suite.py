@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable
 
 import jax
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 
@@ -57,7 +58,7 @@ def random_joint_angles(
         elif turn_unlimited and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE:
             low[address], high[address] = -math.pi, math.pi
     low, high = np.float32(low), np.float32(high)
-    return jax.random.uniform(key, (model.nq,), minval=low, maxval=high)
+    return jax.random.uniform(key, (model.nq,), jnp.float32, minval=low, maxval=high)
 
 
 def sensor_slice(model: mujoco.MjModel, name: str) -> slice:

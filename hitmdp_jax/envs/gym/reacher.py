@@ -58,12 +58,12 @@ class Reacher(MujocoEnv):
         """Draw the arm uniformly around its stretched pose and the target uniformly in a disc."""
         key_arm, key_velocity, key_radius, key_angle = jax.random.split(key, 4)
         # A uniform point of a disc directly, where Gymnasium rejects points of the square.
-        radius = TARGET_RADIUS * jnp.sqrt(jax.random.uniform(key_radius))
-        angle = jax.random.uniform(key_angle, maxval=2 * math.pi)
+        radius = TARGET_RADIUS * jnp.sqrt(jax.random.uniform(key_radius, (), jnp.float32))
+        angle = jax.random.uniform(key_angle, (), jnp.float32, maxval=2 * math.pi)
         target = radius * jnp.array([jnp.cos(angle), jnp.sin(angle)])
-        noise = jax.random.uniform(key_arm, (NUM_JOINTS,), minval=-1.0, maxval=1.0)
+        noise = jax.random.uniform(key_arm, (NUM_JOINTS,), jnp.float32, -1.0, 1.0)
         arm = self.model.qpos0[:NUM_JOINTS] + INITIAL_ANGLE * noise
-        noise = jax.random.uniform(key_velocity, (NUM_JOINTS,), minval=-1.0, maxval=1.0)
+        noise = jax.random.uniform(key_velocity, (NUM_JOINTS,), jnp.float32, -1.0, 1.0)
         velocity = jnp.concatenate([INITIAL_VELOCITY * noise, jnp.zeros(2)])
         return jnp.concatenate([arm, target]), velocity
 

@@ -51,7 +51,7 @@ class MazeEnv(MujocoEnv):
         key_cells, key_places = jax.random.split(key)
         free = jnp.asarray(self.maze.free, jnp.float32)
         cells = jax.random.choice(key_cells, free, (2,), replace=False)
-        noise = jax.random.uniform(key_places, (2, 2), minval=-NOISE, maxval=NOISE)
+        noise = jax.random.uniform(key_places, (2, 2), jnp.float32, minval=-NOISE, maxval=NOISE)
         start, goal = cells + self.maze.cell * noise
         qpos = jnp.asarray(self.model.qpos0, jnp.float32)
         qpos = qpos.at[POSITION].set(start).at[GOAL].set(goal)
@@ -59,7 +59,7 @@ class MazeEnv(MujocoEnv):
 
     def reset_to(self, qpos: jax.Array, qvel: jax.Array) -> State:
         """Start an episode from given coordinates; the goal's end both qpos [nq] and qvel [nv]."""
-        return _with_success(super().reset_to(qpos, qvel), jnp.zeros(()))
+        return _with_success(super().reset_to(qpos, qvel), jnp.zeros((), jnp.float32))
 
     def step(self, state: State, action: jax.Array) -> State:
         """Advance one control step; see `MujocoEnv.step`."""

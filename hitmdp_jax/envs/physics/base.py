@@ -58,9 +58,9 @@ def blank_state(model: mujoco.MjModel, qpos: jax.Array, qvel: jax.Array) -> Phys
     return PhysicsState(
         qpos=jnp.asarray(qpos, jnp.float32),
         qvel=jnp.asarray(qvel, jnp.float32),
-        ctrl=jnp.zeros(model.nu),
-        qacc_warmstart=jnp.zeros(model.nv),
-        displacement=jnp.zeros(model.nq),
+        ctrl=jnp.zeros(model.nu, jnp.float32),
+        qacc_warmstart=jnp.zeros(model.nv, jnp.float32),
+        displacement=jnp.zeros(model.nq, jnp.float32),
         unstable=jnp.zeros((), bool),
         derived={},
     )

@@ -113,11 +113,14 @@ def register(name: str, function: RowFunction) -> None:
 
 
 def call(name: str, row: jax.Array, out_size: int, function: RowFunction) -> jax.Array:
-    """Return what a registered function makes of `row` [I]: [out_size]. Both are float32.
+    """Return what a registered function makes of `row` [I]: [out_size], float32.
+
+    The function reads the program's memory as float32, so that is what the row is made of first.
 
     Every `vmap` around it ends up in one call, with a row for each. Where the program runs on a
     device of another kind, the rows travel to the host and back.
     """
+    row = row.astype(jnp.float32)
     out = jax.ShapeDtypeStruct((out_size,), jnp.float32)
 
     def elsewhere(row: np.ndarray) -> np.ndarray:

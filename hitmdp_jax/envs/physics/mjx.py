@@ -18,6 +18,7 @@ from hitmdp_jax.envs.physics.base import (
     beyond_limits,
     blank_state,
 )
+from hitmdp_jax.precision import in_32_bits
 
 # MJX leaves the precision of most products to the device, of which NVIDIA's round both factors to
 # ten bits: three steps of HalfCheetah were off by 1.5e-3 of their velocities, and are by 7e-6.
@@ -104,7 +105,7 @@ class MjxPhysics:
     @full_precision
     def _forward(self, blank: mjx.Data, state: PhysicsState) -> PhysicsState:
         data = mjx.forward(_without_empty_constants(self._mjx_model), _load(blank, state))
-        return state.replace(derived=self._read(data))
+        return in_32_bits(state.replace(derived=self._read(data)))
 
     @full_precision
     def _advance(self, blank: mjx.Data, state: PhysicsState) -> PhysicsState:
@@ -120,12 +121,14 @@ class MjxPhysics:
             )
             return carry, None
 
-        after, _ = jax.lax.scan(substep, state, length=self.frame_skip)
+        start = _in_precision_of(blank, state)
+        after, _ = jax.lax.scan(substep, start, length=self.frame_skip)
         if self._current_fields:
             # Of this, XLA keeps what leads to the fields: kinematics, not contacts or the solver.
             data = mjx.forward(model, _load(blank, after))
             after = after.replace(derived=self._read(data))
-        return after.replace(displacement=after.qpos - state.qpos, unstable=beyond_limits(after))
+        displacement, unstable = after.qpos - start.qpos, beyond_limits(after)
+        return in_32_bits(after.replace(displacement=displacement, unstable=unstable))
 
     def _substep(self, model: mjx.Model, data: mjx.Data) -> mjx.Data:
         data = mjx.step(model, data)
@@ -151,12 +154,22 @@ def newton_for_pgs(model: mujoco.MjModel) -> None:
 
 
 def _load(blank: mjx.Data, state: PhysicsState) -> mjx.Data:
+    state = _in_precision_of(blank, state)
     return _without_empty_constants(blank).replace(
         qpos=state.qpos,
         qvel=state.qvel,
         ctrl=state.ctrl,
         qacc_warmstart=state.qacc_warmstart,
     )
+
+
+def _in_precision_of(blank: mjx.Data, state: PhysicsState) -> PhysicsState:
+    """Return a state in the floats that MJX computes with, which are JAX's default."""
+
+    def converted(x: jax.Array) -> jax.Array:
+        return x.astype(blank.qpos.dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x
+
+    return jax.tree.map(converted, state)
 
 
 def _without_empty_constants(tree: Any) -> Any:

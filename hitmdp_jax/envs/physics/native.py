@@ -17,6 +17,7 @@ from hitmdp_jax.envs.physics import host_call
 from hitmdp_jax.envs.physics.base import Engine, PhysicsState, beyond_limits, blank_state
 from hitmdp_jax.errors import out_of_domain
 from hitmdp_jax.machine import available_cores
+from hitmdp_jax.precision import in_32_bits
 
 # Warnings with which MuJoCo says that it found a state unstable.
 _UNSTABLE = [
@@ -126,7 +127,7 @@ class NativePhysics:
 
     def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
         """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
-        return self._call("step", state.replace(ctrl=ctrl))
+        return self._call("step", in_32_bits(state.replace(ctrl=ctrl)))
 
     def _call(self, what: str, state: PhysicsState) -> PhysicsState:
         nq, nv = self.model.nq, self.model.nv

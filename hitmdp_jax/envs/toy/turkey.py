@@ -26,8 +26,8 @@ class Turkey(Env):
 
     def reset(self, rng: jax.Array) -> State:
         """Return the raw, plain turkey; there is nothing random in it."""
-        zero = jnp.zeros(())
-        raw = jnp.array([1.0, 0.0])
+        zero = jnp.zeros((), jnp.float32)
+        raw = jnp.array([1.0, 0.0], jnp.float32)
         return State(None, raw, reward=zero, done=zero, info={"stuffed": zero})
 
     def step(self, state: State, action: jax.Array) -> State:
@@ -38,5 +38,5 @@ class Turkey(Env):
             obs=jnp.stack([1.0 - roast, roast]),
             reward=roast * outcome,
             done=jnp.maximum(roast, state.info["stuffed"]),
-            info=state.info | {"stuffed": jnp.ones(())},
+            info=state.info | {"stuffed": jnp.ones((), jnp.float32)},
         )

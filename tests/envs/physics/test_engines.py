@@ -54,6 +54,13 @@ def solver_of(model):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
+def test_every_engine_steps_as_mujoco_does_under_x64(engine):
+    """Whatever JAX's default is, MuJoCo C reads the memory that it was given as what it is."""
+    with jax.enable_x64(True):
+        test_every_engine_steps_as_mujoco_does(engine, "Euler", True)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(
     ("integrator", "current_fields"), [("Euler", False), ("Euler", True), ("RK4", False)]
 )
