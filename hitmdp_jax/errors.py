@@ -35,6 +35,11 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
+def warn(sentence: object) -> None:
+    """Tell of what goes wrong and ends nothing, in one line."""
+    print(f"warning: {printable(str(sentence))}", file=sys.stderr)
+
+
 def exit_with(error: UsageError) -> NoReturn:
     """End a command with the error's sentence and exit code 2."""
     print(f"error: {error}", file=sys.stderr)

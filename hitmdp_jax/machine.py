@@ -7,6 +7,7 @@ from pathlib import Path
 
 import jax
 
+from hitmdp_jax.errors import printable
 from hitmdp_jax.training.folder import MADE_WITH, write
 
 PACKAGES = ("hitmdp-jax", "jax", "jaxlib", "flax", "optax", "brax", "mujoco", "mujoco-mjx", "numpy")
@@ -43,7 +44,8 @@ def made_with(run_dir: Path) -> str:
 def _lines(run_dir: Path) -> list[str]:
     path = run_dir / MADE_WITH
     # A damaged file is no reason not to train on.
-    return path.read_text("utf-8", "replace").splitlines() if path.is_file() else []
+    text = path.read_text("utf-8", "replace") if path.is_file() else ""
+    return list(map(printable, text.splitlines()))
 
 
 def processor() -> str:

@@ -1,3 +1,5 @@
+import contextlib
+
 import pytest
 
 from hitmdp_jax.errors import (
@@ -6,7 +8,9 @@ from hitmdp_jax.errors import (
     missing_extra,
     nearest,
     out_of_domain,
+    printable,
     unknown_name,
+    warn,
 )
 
 
@@ -76,6 +80,33 @@ def test_a_value_outside_its_domain_is_named_with_what_is_valid():
 
 def test_a_missing_extra_says_how_to_install_it():
     assert "pip install -e '.[warp]'" in str(missing_extra("warp", "physics=warp"))
+
+
+TRICKS = [
+    "\x1b[31m",
+    "\x1b]0;title\a",
+    "a\nb",
+    "\r",
+    "\x9b1m",
+    "\u202eabc",
+    "\u2028",
+    "\0",
+    "\ud800",
+]
+
+
+@pytest.mark.parametrize("trick", TRICKS, ids=ascii)
+def test_nothing_that_is_told_commands_a_terminal(trick, capsys):
+    for tell in (
+        lambda: exit_with(unknown_name("env", trick, ["hopper"])),
+        lambda: exit_with(out_of_domain("env", trick, "a word")),
+        lambda: warn(f"'{trick}' cannot be used"),
+    ):
+        with contextlib.suppress(SystemExit):
+            tell()
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.isprintable()
+    assert printable("naïve, 'x' × \\ 2\t") == "naïve, 'x' × \\ 2\\t"
 
 
 def test_a_mistake_in_a_value_is_a_value_error():

@@ -153,6 +153,11 @@ def test_what_a_table_cannot_hold_is_named_with_its_line(text, sentence, tmp_pat
     assert f"'{path}' cannot be read: {sentence}" in str(error.value)
 
 
+def test_what_made_a_run_is_printable(folder):
+    (folder / "made_with.txt").write_bytes(b"jax \x1b[31m\xff\nnumpy\x07\n")
+    assert machine.made_with(folder).isprintable()
+
+
 def test_a_damaged_file_of_evaluations_is_kept_aside_and_a_new_one_is_begun(folder, capsys):
     damaged = b"iteration,seed,return\n1,0,\xff\n"
     (folder / "evaluations.csv").write_bytes(damaged)

@@ -107,6 +107,22 @@ def test_a_command_runs_no_file_that_a_run_names_unless_it_is_told_to(
         assert (folder / "marker").exists()
 
 
+@pytest.mark.parametrize("group", ["colour", "algo", "env", "physics", "sweep"])
+@pytest.mark.parametrize("escaped", [False, True])
+def test_no_word_of_a_run_commands_a_terminal(group, escaped, folder, monkeypatch, capsys):
+    trick = "\x1b]0;title\x07" if escaped else "[/red]:warning:\u202e"
+    value = {"algo": {"name": trick}, "env": {"name": trick}, "sweep": {trick: [1.0, trick]}}
+    settings = {"algo": {"name": "ppo"}, "env": {"name": "toy/turkey"}}
+    (folder / "run").mkdir()
+    text = yaml.safe_dump(settings | {group: value.get(group, trick)})
+    (folder / "run" / "config.yaml").write_text(text)
+    for line in ("evaluate run", "train resume=run", "report run", "reproduce figure6 run"):
+        call(line, COMMANDS[line][0], monkeypatch)
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.rstrip("\n").isprintable()
+
+
 @pytest.mark.parametrize("group", NAMES)
 @pytest.mark.parametrize("way", PYTHON)
 def test_python_runs_no_file_that_a_run_names_unless_it_is_told_to(way, group, folder):

@@ -19,7 +19,7 @@ def show(rows: Rows) -> None:
     printed = Table(*header)
     for row in rest:
         printed.add_row(*row)
-    Console().print(printed)
+    Console(markup=False, emoji=False).print(printed)  # names are what they are
 
 
 def save(rows: Rows, folder: Path, name: str) -> None:

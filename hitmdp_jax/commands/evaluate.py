@@ -4,7 +4,6 @@ import csv
 import io
 import itertools
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.commands.guard import guarded
 from hitmdp_jax.commands.policies import add_checkpoint, load_named
 from hitmdp_jax.commands.settings import Parser
-from hitmdp_jax.errors import UsageError
+from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.reading import read_rows
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig, Task
@@ -103,6 +102,7 @@ def _show(
     title: str, index: list[str], rows: list[dict[str, Any]], choices: list[dict[str, float]]
 ) -> None:
     """Print the scores, and those under other choices of options where there are any."""
+    console = Console(markup=False, emoji=False)  # names are what they are
     numbers = ["return", "std", "min", "max", "std error", "length"]
     numbers += ["success"] if "success" in rows[0] else []
     table = Table(*(name.removeprefix(PREFIX) for name in index), *numbers, title=title)
@@ -112,12 +112,12 @@ def _show(
         more = [f"{entry['length']:.1f}"]
         more += [f"{entry['success']:.0%}"] if "success" in entry else []
         table.add_row(*(f"{entry[name]:.6g}" for name in index), *shown, *more)
-    Console().print(table)
+    console.print(table)
     if choices:
         table = Table("seed", *choices[0], title="by what chooses the options")
         for entry, choice in zip(rows, choices, strict=True):
             table.add_row(str(entry["seed"]), *(f"{x:,.1f}" for x in choice.values()))
-        Console().print(table)
+        console.print(table)
 
 
 def row(
@@ -157,7 +157,7 @@ def _known(path: Path) -> list[dict[str, str]]:
         return [row for _, row in read_rows(path)]
     except UsageError as error:
         aside = kept_aside(path)
-        print(f"warning: {error} {aside.name} beside it keeps the damaged file.", file=sys.stderr)
+        warn(f"{error} {aside.name} beside it keeps the damaged file.")
         return []
 
 
@@ -166,10 +166,7 @@ def _note(run_dir: Path, rows: list[dict[str, Any]]) -> None:
     try:
         append(run_dir, rows)
     except OSError as error:
-        print(
-            f"warning: the scores could not be written to '{error.filename}': {error.strerror}.",
-            file=sys.stderr,
-        )
+        warn(f"the scores could not be written to '{error.filename}': {error.strerror}.")
 
 
 class Evaluation:

@@ -2,7 +2,6 @@
 
 import argparse
 import functools
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from hitmdp_jax.commands.evaluate import SEED_OFFSET
 from hitmdp_jax.commands.policies import add_choice, load_chosen
 from hitmdp_jax.commands.settings import Parser
 from hitmdp_jax.envs import make_env
-from hitmdp_jax.errors import UsageError
+from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.training.config import RunConfig, whole_number
 from hitmdp_jax.training.folder import FIGURES, subfolder
 from hitmdp_jax.training.host import set_up_host
@@ -92,7 +91,7 @@ def _filmed(insight: Insight) -> Figure:
     try:
         pictures = video.pictures(insight.env, insight.trajectories)
     except UsageError as reason:
-        print(f"warning: figure10 shows no pictures: {reason}", file=sys.stderr)
+        warn(f"figure10 shows no pictures: {reason}")
         pictures = None
     return option_figures.figure10(insight, pictures=pictures)
 

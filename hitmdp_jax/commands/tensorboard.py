@@ -1,9 +1,8 @@
 """Figures in TensorBoard while a run goes on."""
 
-import sys
 from pathlib import Path
 
-from hitmdp_jax.errors import UsageError
+from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import FIGURES, subfolder
@@ -40,7 +39,7 @@ class OptionFigures:
                 folder = subfolder(self._run_dir, FIGURES)
                 write_pictures(folder, {"option_durations": picture}, env_steps)
         except (OSError, UsageError) as error:  # a full disk, a damaged row: they end no training
-            print(f"warning: no figure in TensorBoard: {error}", file=sys.stderr)
+            warn(f"no figure in TensorBoard: {error}")
         return {}
 
     def close(self, stop: StopRequest) -> None:

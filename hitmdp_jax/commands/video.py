@@ -24,7 +24,7 @@ from hitmdp_jax.commands.settings import Parser, writable
 from hitmdp_jax.envs import check_env, make_env
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.envs.physics import find_engine
-from hitmdp_jax.errors import UsageError
+from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.training.checkpoint import Checkpoints, Progress
 from hitmdp_jax.training.config import RunConfig, whole_number
 from hitmdp_jax.training.folder import CONFIG, VIDEOS, made, subfolder, write
@@ -131,12 +131,12 @@ class Videos:
         """Start a video, and return no metric."""
         env_steps = run.config.steps_after(progress.iteration)
         if self._at_work():
-            _warn(f"no video of {env_steps:,} env steps: the one before is not finished")
+            warn(f"no video of {env_steps:,} env steps: the one before is not finished")
             return {}
         try:
             self._start(run, progress, env_steps)
         except OSError as error:  # a full disk ends no training
-            _warn(f"no video of {env_steps:,} env steps: {error}")
+            warn(f"no video of {env_steps:,} env steps: {error}")
         return {}
 
     def close(self, stop: StopRequest) -> None:
@@ -176,11 +176,7 @@ class Videos:
         code = self._process.poll()
         if code:
             lines = (Path(self._copy.name) / ERRORS).read_text().strip().splitlines()
-            _warn("a video could not be made: " + "".join(lines[-1:]).removeprefix("error: "))
+            warn("a video could not be made: " + "".join(lines[-1:]).removeprefix("error: "))
         if code is not None:
             self._process = None
         return code is None
-
-
-def _warn(sentence: str) -> None:
-    print(f"warning: {sentence}", file=sys.stderr)

@@ -6,7 +6,6 @@ import hashlib
 import json
 import math
 import shutil
-import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -18,7 +17,7 @@ import orbax.checkpoint as ocp
 from brax.training.acme.running_statistics import NestedMeanStd
 from orbax.checkpoint import checkpoint_managers as managers
 
-from hitmdp_jax.errors import UsageError
+from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.folder import CHECKPOINTS, refuse_link, subfolder
 from hitmdp_jax.training.program import TrainState
@@ -188,7 +187,7 @@ class Checkpoints:
         except UsageError:
             raise
         except Exception as error:  # whatever a torn file makes its reader say
-            raise UsageError(self._damage(iteration, error)) from None
+            raise UsageError(f"{self._damage(iteration, error)}.") from None
 
     def close(self) -> None:
         """Wait until everything is written."""
@@ -212,7 +211,7 @@ class Checkpoints:
                 raise
             except Exception as error:  # whatever a torn file makes its reader say
                 damage = self._damage(iteration, error)
-                print(f"warning: {damage}; taking the one before.", file=sys.stderr)
+                warn(f"{damage}; taking the one before.")
         if steps:
             raise UsageError(f"No checkpoint in '{self.folder}' can be read.")
         raise UsageError(f"'{self.folder}' holds no checkpoint.")
@@ -288,7 +287,7 @@ class Checkpoints:
         except Exception as error:  # Orbax and TensorStore raise many kinds where a disk is full
             reason = str(error).strip().splitlines() or [type(error).__name__]
             if self.failure is None:
-                print(f"warning: a checkpoint could not be written: {reason[0]}", file=sys.stderr)
+                warn(f"a checkpoint could not be written: {reason[0]}")
             self.failure = reason[0]
 
 

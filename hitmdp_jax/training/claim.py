@@ -134,7 +134,9 @@ def newest(root: Path = RUNS) -> Path:
     Raises:
       UsageError: there is none.
     """
-    runs = [path.parent for path in root.rglob(CONFIG) if saved_iterations(path.parent)]
+    # Its path is printed, and may be a stranger's choice.
+    paths = [path for path in root.rglob(CONFIG) if str(path).isprintable()]
+    runs = [path.parent for path in paths if saved_iterations(path.parent)]
     if not runs:
         raise UsageError(f"resume=latest finds no run under '{root}' that has saved anything.")
     files = (METRICS, CONFIG)

@@ -1,10 +1,11 @@
 """What every place that metrics go to has in common."""
 
-import sys
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
 import numpy as np
+
+from hitmdp_jax.errors import warn
 
 Values = dict[str, np.ndarray]  # metric -> [S] or [S, K]; NaN where a seed has none
 
@@ -56,10 +57,7 @@ class Sinks:
 
     def _leave_out(self, sink: Sink, error: Exception) -> None:
         self._sinks.remove(sink)
-        print(
-            f"warning: {sink.name} takes no more metrics: {error or type(error).__name__}",
-            file=sys.stderr,
-        )
+        warn(f"{sink.name} takes no more metrics: {error or type(error).__name__}")
 
 
 def columns(metrics: Values) -> Iterator[tuple[str, np.ndarray]]:

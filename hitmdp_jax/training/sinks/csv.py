@@ -3,12 +3,12 @@
 import csv
 import io
 import itertools
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from hitmdp_jax.errors import warn
 from hitmdp_jax.training.folder import METRICS, appending, write
 from hitmdp_jax.training.sinks.base import Values, columns
 from hitmdp_jax.training.sweep import Training
@@ -81,10 +81,9 @@ class CsvSink:
         ]  # fmt: skip
         if damaged:
             aside = kept_aside(path)
-            print(
-                f"warning: {len(damaged)} of the {len(rows)} rows of '{path}' cannot be read and "
-                f"are left out; {aside.name} beside it keeps the damaged file.",
-                file=sys.stderr,
+            warn(
+                f"{len(damaged)} of the {len(rows)} rows of '{path}' cannot be read and are left "
+                f"out; {aside.name} beside it keeps the damaged file."
             )
         kept = [row for row, good in zip(rows, whole, strict=True) if good]
         return [header, *(row for row in kept if int(row[0]) <= iteration)] if known else []

@@ -45,7 +45,9 @@ class TerminalSink:
     ):
         self._trainings = trainings
         self._settings = np.array([training.setting for training in trainings])
-        self._console = Console(highlight=False, soft_wrap=True, quiet=quiet)
+        self._console = Console(
+            highlight=False, soft_wrap=True, quiet=quiet, markup=False, emoji=False
+        )
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=None),
