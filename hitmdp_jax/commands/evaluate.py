@@ -24,7 +24,7 @@ from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.reading import read_rows
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig, Task
-from hitmdp_jax.training.folder import EVALUATIONS, write
+from hitmdp_jax.training.folder import EVALUATIONS, alone, write
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.policy import Policy, places
@@ -142,13 +142,14 @@ def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:
     An older version left out some, and a transfer's second task may know of success alone.
     """
     path = run_dir / EVALUATIONS
-    known = _known(path) if path.exists() else []
-    columns = dict.fromkeys(name for one in (*rows[:1], *known[:1]) for name in one)
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore")
-    writer.writeheader()
-    writer.writerows([*known, *rows])
-    write(path, text.getvalue())
+    with alone(run_dir):
+        known = _known(path) if path.exists() else []
+        columns = dict.fromkeys(name for one in (*rows[:1], *known[:1]) for name in one)
+        text = io.StringIO(newline="")
+        writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows([*known, *rows])
+        write(path, text.getvalue())
 
 
 def _known(path: Path) -> list[dict[str, str]]:

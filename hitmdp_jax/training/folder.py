@@ -1,11 +1,12 @@
 """What a run's folder holds, and the one way to write it: whole or not at all, through no link."""
 
 import errno
+import fcntl
 import fnmatch
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO, TextIO
 
@@ -99,6 +100,21 @@ def write(path: Path, content: str | bytes) -> None:
     """Write a file, text as UTF-8, in place of what it was; Raises as `replaced`."""
     with replaced(path) as file:
         file.write(content.encode() if isinstance(content, str) else content)
+
+
+@contextmanager
+def alone(run_dir: Path) -> Iterator[None]:
+    """Wait for, and then keep out, others that read and replace a file of a run's folder.
+
+    Whoever trains goes on meanwhile: that is another lock.
+    """
+    number = os.open(run_dir, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(number, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(number)
 
 
 def appending(path: Path) -> TextIO:

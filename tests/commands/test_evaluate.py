@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import threading
 
 import numpy as np
 import pytest
@@ -69,3 +70,15 @@ def test_choices_need_an_engine_that_they_can_be_made_in(command, run_dir):
     result = command("evaluate", run_dir, "--choices", "--engine", "gymnasium")
     assert (result.returncode, result.stderr.count("\n")) == (2, 1)
     assert result.stderr.startswith("error: --choices needs an engine of JAX")
+
+
+def test_scores_that_two_write_at_once_are_all_kept(tmp_path):
+    """A run scores its policies while its user does."""
+    rows = [[{"iteration": 10 * i + j, "return": 1.0} for j in range(3)] for i in range(8)]
+    threads = [threading.Thread(target=append, args=(tmp_path, own)) for own in rows]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    written = sorted(int(row["iteration"]) for row in rows_of(tmp_path, "evaluations.csv"))
+    assert written == sorted(row["iteration"] for own in rows for row in own)
