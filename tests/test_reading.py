@@ -9,7 +9,7 @@ from hitmdp_jax.analysis import results
 from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.commands import evaluate, study
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.reading import read_numbers, read_yaml
+from hitmdp_jax.reading import read_numbers, read_rows, read_yaml
 from hitmdp_jax.training.checkpoint import Checkpoints
 from hitmdp_jax.training.config import RunConfig
 
@@ -156,6 +156,12 @@ def test_what_a_table_cannot_hold_is_named_with_its_line(text, sentence, tmp_pat
 def test_what_made_a_run_is_printable(folder):
     (folder / "made_with.txt").write_bytes(b"jax \x1b[31m\xff\nnumpy\x07\n")
     assert machine.made_with(folder).isprintable()
+
+
+def test_no_other_character_ends_a_line_of_a_table(tmp_path):
+    ends = "\x0b\x0c\x1c\x85\u2028\u2029"  # where Python's splitlines would
+    (tmp_path / "t.csv").write_text(f"x,{ends}\n1,2\n", encoding="utf-8")
+    assert read_rows(tmp_path / "t.csv") == [(2, {"x": "1", ends: "2"})]
 
 
 def test_a_damaged_file_of_evaluations_is_kept_aside_and_a_new_one_is_begun(folder, capsys):

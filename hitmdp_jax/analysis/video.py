@@ -111,7 +111,8 @@ def encoder(
       fps: frames a second.
 
     Raises:
-      UsageError: there is no ffmpeg, or it cannot write.
+      UsageError: there is no ffmpeg, or it fails.
+      OSError: naming the file: it cannot be written.
     """
     ffmpeg = require_ffmpeg()
     width, height = size

@@ -171,7 +171,7 @@ def test_a_filmstrip_without_options_is_of_the_whole_episode(env, recorded):
 
 
 def test_what_is_missing_is_said(tmp_path, env, recorded, monkeypatch):
-    with pytest.raises(UsageError, match=r"a.mp4' cannot be written: .*No such file or directory"):
+    with pytest.raises(FileNotFoundError, match=r"No such file or directory: .*nowhere/a.mp4'"):
         write_video(tmp_path / "nowhere" / "a.mp4", env, recorded, size=SIZE)
 
     def fail():
