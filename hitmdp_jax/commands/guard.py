@@ -4,6 +4,7 @@ import errno
 import logging
 import os
 import resource
+import signal
 import sys
 import threading
 from collections.abc import Callable
@@ -32,6 +33,9 @@ def guarded(command: Callable[[], int | None], shows: bool = True) -> None:
         code = command()
     except UsageError as error:
         exit_with(error)
+    except KeyboardInterrupt:
+        print("Stopped.", file=sys.stderr)
+        sys.exit(128 + signal.SIGINT)
     except OSError as error:
         if error.filename is not None:
             exit_with(UsageError(f"'{error.filename}' cannot be used: {error.strerror}."))

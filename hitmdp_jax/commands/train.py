@@ -29,10 +29,10 @@ from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import saved_iterations
 from hitmdp_jax.training.claim import RUNS, already_there, claim, is_finished, newest
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.devices import make_mesh
 from hitmdp_jax.training.folder import made
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import InterruptedRunError
+from hitmdp_jax.training.run import Run
 
 CHANGEABLE = ("total_steps", "data_devices")  # settings that a resumed run may change
 RESUMABLE = ("resume", "report", "distributed", "trust", *CHANGEABLE)  # what may be set then
@@ -144,8 +144,8 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     if flag_setting(values, "distributed"):
         processes.join()
     if resume is not None:
-        run_dir = newest() if str(resume) == "latest" else resume
-        config = _resumed(run_dir, names, values)
+        resume = run_dir = newest() if str(resume) == "latest" else resume
+        config = _resumed(resume, names, values)
     else:
         config = run_config(values)
         config.check_installed()
@@ -156,24 +156,25 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
         if go_on and run_dir is not None and already_there(run_dir, config):
             resume = run_dir
     set_up_host(config.physics, config.num_envs, len(config.trainings), config.data_devices)
-    make_mesh(len(config.trainings), config.data_devices)  # or say why not, before a folder is made
     processes.check_same("settings", config.to_yaml())
-    if resume is None:
-        run_dir = Path(processes.told(lambda: str(claim(run_dir, config, overwrite))))
-    assert run_dir is not None
-    if resume is not None and processes.told(lambda: is_finished(run_dir, config)):
+    if resume is not None and processes.told(lambda: is_finished(resume, config)):
         print(
             f"{run_dir} is finished: {config.env_steps:,} env steps. A larger total_steps goes on."
         )
         return 0
+    run = Run.create(config)  # or say why not, before a folder is made
+    if resume is None:
+        run_dir = Path(processes.told(lambda: str(claim(run_dir, config, overwrite))))
+    assert run_dir is not None
     begun = resume is not None and processes.told(lambda: bool(saved_iterations(run_dir)))
-    return _run(config, run_dir, begun, report)
+    return _run(run, run_dir, begun, report)
 
 
-def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
+def _run(run: Run, run_dir: Path, resume: bool, report: bool) -> int:
     """Train, draw what was learned, report it and say how it ended."""
     from hitmdp_jax.training import loop
 
+    config = run.config
     hooks: list[loop.Hook] = [OptionFigures(config, run_dir)]
     if config.video_every:
         from hitmdp_jax.commands.video import Videos
@@ -184,7 +185,7 @@ def _run(config: RunConfig, run_dir: Path, resume: bool, report: bool) -> int:
 
         hooks.append(Evaluation(config, run_dir))
     try:
-        outcome = loop.run(config, run_dir, resume=resume, hooks=hooks)
+        outcome = loop.run(run, run_dir, resume=resume, hooks=hooks)
     except InterruptedRunError as stop:
         print(f"Stopped before the first iteration; nothing to save in {run_dir}.", flush=True)
         os._exit(128 + stop.signum)  # the compiler's thread cannot be stopped otherwise

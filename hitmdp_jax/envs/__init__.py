@@ -8,6 +8,7 @@ from brax.envs.base import Env
 
 from hitmdp_jax.envs.action_repeat import ActionRepeat, check_action_repeat
 from hitmdp_jax.envs.brax_tasks import BRAX, brax_task, check_engine
+from hitmdp_jax.envs.contract import check_task
 from hitmdp_jax.envs.dmc.suite import require_suite
 from hitmdp_jax.envs.keywords import check_keywords, parameters_of
 from hitmdp_jax.envs.physics import PhysicsChoice, find_engine
@@ -67,7 +68,7 @@ def register_env(name: str, constructor: Callable[..., Env]) -> None:
 
     Raises:
       UsageError: the name is one of ours or of Brax's, or it cannot be a name; or the constructor
-        cannot be called.
+        cannot be called, or is a class of no environments.
 
     >>> from hitmdp_jax.envs.toy.turkey import Turkey
     >>> register_env("my_turkey", Turkey)
@@ -80,6 +81,8 @@ def register_env(name: str, constructor: Callable[..., Env]) -> None:
         raise UsageError(f"'{name}' is a built-in environment: register yours under another name.")
     if not callable(constructor):
         raise out_of_domain("constructor", repr(constructor), "a class or function to call")
+    if isinstance(constructor, type):
+        _check_interface(name, constructor)
     _registered[name] = constructor
 
 
@@ -105,7 +108,8 @@ def make_env(
 
     Raises:
       UsageError: the name, engine, version or a keyword is unknown, a keyword's value is not valid,
-        or an extra is missing. What a class of your own raises is raised as it is.
+        an extra is missing, or a task of your own cannot be trained on (`contract.check_task`).
+        What a class of your own raises is raised as it is.
 
     >>> env = make_env("halfcheetah", physics="native")
     >>> env.observation_size, env.action_size
@@ -118,6 +122,7 @@ def make_env(
     takes = parameters_of(task)
     env = task(**{k: x for k, x in given.items() if k in takes}, **task_kwargs)
     _check_interface(name, env)
+    check_task(env, f"'{label(name)}'")
     return env if action_repeat == 1 else ActionRepeat(env, action_repeat)
 
 

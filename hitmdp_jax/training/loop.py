@@ -19,7 +19,6 @@ from hitmdp_jax.machine import note_versions
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import Checkpoints, CheckpointsElsewhere, Progress
 from hitmdp_jax.training.claim import locked
-from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import CONFIG, write
 from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.program import CAUSES, Iterate, TrainState
@@ -64,10 +63,8 @@ class Outcome:
     failure: str | None  # why the last state is not saved
 
 
-def run(
-    config: RunConfig, run_dir: Path, *, resume: bool = False, hooks: Sequence[Hook] = ()
-) -> Outcome:
-    """Train as `config` says and leave everything in `run_dir`, which the caller has claimed.
+def run(run: Run, run_dir: Path, *, resume: bool = False, hooks: Sequence[Hook] = ()) -> Outcome:
+    """Train a run and leave everything in `run_dir`, which the caller has claimed.
 
     The device is always one report ahead of the host: while metrics are written and shown, the next
     iterations run already. A transfer trains on its second task where the first ended. A signal
@@ -75,18 +72,18 @@ def run(
     train together, after the next one of all. The first process alone writes.
 
     Args:
-      config: validated settings.
-      run_dir: the run's folder.
+      run: what is trained.
+      run_dir: its folder.
       resume: continue from the folder's newest checkpoint.
       hooks: what else to do every so often.
     """
+    config = run.config
     with ExitStack() as stack:
         writes = processes.is_first()
         processes.told(lambda: stack.enter_context(locked(run_dir)))
         stop = stack.enter_context(StopRequest())
         for hook in hooks:
             stack.callback(hook.close, stop)
-        run = Run.create(config)
         checkpoints = Checkpoints(run_dir) if writes else CheckpointsElsewhere()
         stack.callback(checkpoints.close)
         agreement = processes.Agreement(stop, checkpoints.due, run.mesh)

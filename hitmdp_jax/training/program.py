@@ -13,9 +13,11 @@ from flax import struct
 from jax.flatten_util import ravel_pytree
 
 from hitmdp_jax.agents.base import Agent, LearnerState, check_hyperparameters
-from hitmdp_jax.envs.action_repeat import action_repeat_of
+from hitmdp_jax.agents.contract import check_algorithm
+from hitmdp_jax.envs.action_repeat import ActionRepeat, action_repeat_of
+from hitmdp_jax.envs.contract import check_task
 from hitmdp_jax.envs.vector import VectorEnv
-from hitmdp_jax.errors import UsageError, out_of_domain
+from hitmdp_jax.errors import out_of_domain
 from hitmdp_jax.learning.episodes import EpisodeWindow, episode_metrics
 from hitmdp_jax.learning.metrics import Metrics, describe, over_iterations
 from hitmdp_jax.learning.normalization import initial_statistics, update_statistics
@@ -111,21 +113,18 @@ def make_train(
       [K] counts. Hyperparameters by name replace the agent's own and stay with the state.
 
     Raises:
-      UsageError: a size is not positive or does not divide, a hyperparameter is out of range, or an
-        observation is not one array.
+      UsageError: a size is not positive or does not divide, a hyperparameter is out of range, or
+        arrays of an environment or algorithm of your own are not what they should be.
     """
     check_hyperparameters(agent)
     check_sizes(agent, num_steps, num_envs, rollout_length)
     for name, size in (("episode_length", episode_length), ("reset_pool_size", reset_pool_size)):
         if size is not None:
             check_size(name, size)
-    if isinstance(env, type) or not (hasattr(env, "reset") and hasattr(env, "step")):
-        raise UsageError(f"env = {env!r} is no environment: make one, such as make_env('hopper').")
-    if not isinstance(env.observation_size, int):
-        raise UsageError(
-            "The environment observes several arrays, and a policy reads one: "
-            "pass an environment whose observation is a single array."
-        )
+    task = env.env if isinstance(env, ActionRepeat) else env
+    check_task(task, f"env = {env!r}" if isinstance(env, type | str) else type(env).__name__)
+    assert isinstance(env.observation_size, int)
+    check_algorithm(agent, env.observation_size, env.action_size, num_envs, rollout_length)
     pool_size = reset_pool_size or max(1, num_envs * rollout_length // 4)
     vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger)
     iterations = num_iterations(num_steps, num_envs, rollout_length, action_repeat_of(env))

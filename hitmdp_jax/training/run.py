@@ -41,13 +41,16 @@ class Run:
         """Make the tasks and the agent; the engine shares its cores out among the devices.
 
         Raises:
-          UsageError: the devices here cannot be shared out as the settings say.
+          UsageError: the devices here cannot be shared out as the settings say, or as `make_train`.
         """
         mesh = make_mesh(len(config.trainings), config.data_devices)
         here = sum(d.process_index == jax.process_index() for d in mesh.devices.flat)
         engine = find_engine(config.physics).shared(here)
         envs = [make_env(**task, physics=engine) for task in config.tasks]
-        return cls(config, config.make_agent(), mesh, envs)
+        run = cls(config, config.make_agent(), mesh, envs)
+        for task in range(len(envs)):
+            run.program(task)  # which says what cannot be trained, before a folder is made
+        return run
 
     def program(self, task: int) -> tuple[Init, Iterate]:
         """Return init and step of one training on a task; a step is one report's iterations."""

@@ -166,7 +166,7 @@ def test_names_and_constructors_that_cannot_be_registered(name, constructor, sen
 
 @pytest.mark.usefixtures("registry")
 def test_what_makes_no_environment_is_refused():
-    hitmdp_jax.register_env("mine", dict)
+    hitmdp_jax.register_env("mine", lambda: {})
     with pytest.raises(UsageError, match=r"'mine' makes no environment"):
         hitmdp_jax.make_env("mine")
 

@@ -147,7 +147,7 @@ def trained(prepared, monkeypatch, tmp_path):
 
     def run(*hooks, **arguments):
         monkeypatch.setattr(loop, "prepare", prepare)
-        return loop.run(CONFIG, tmp_path, hooks=hooks, **arguments)
+        return loop.run(Run.create(CONFIG), tmp_path, hooks=hooks, **arguments)
 
     return run
 

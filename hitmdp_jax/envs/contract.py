@@ -1,0 +1,178 @@
+"""What training asks of a task, checked before anything is compiled."""
+
+import copy
+import inspect
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.learning.metrics import REWARD_TERM, describe
+from hitmdp_jax.tracing import difference, is_array, told, traced
+
+CHECKED = ("hitmdp_jax", "brax")  # packages whose tasks are tested already
+PARTS = ("obs", "reward", "done", "metrics", "info")  # of a state
+OURS = ("success", "unstable")  # metrics of the vocabulary that are a task's to report
+FORM = "reset(key) -> State and step(state, action) -> State, as brax.envs.Env has them"
+OTHERS = {  # an attribute of tasks of another interface -> whose
+    "default_params": "gymnax",
+    "action_space": "Gymnasium",
+    "action_spec": "dm_env",
+}
+
+
+def check_task(env: Any, name: str) -> None:
+    """Check that a task can be trained on, by tracing its reset and step; ours are left alone.
+
+    What the task's own code raises is its author's to see. Of a task with a MuJoCo model everything
+    is traced but the physics, which takes seconds and is ours.
+
+    Args:
+      env: the task.
+      name: what it is called in the sentence.
+
+    Raises:
+      UsageError: it is no task, of another interface, or its arrays are not what they should be.
+    """
+    if isinstance(env, type) or not (hasattr(env, "reset") and hasattr(env, "step")):
+        raise UsageError(f"{name} is no environment: make one, such as make_env('hopper').")
+    if type(getattr(env, "unwrapped", env)).__module__.split(".")[0] in CHECKED:
+        return
+    fault = _fault_of_sizes(env) or _fault_of_arrays(env)
+    if fault:
+        raise UsageError(f"{name} cannot be trained on: {fault}.")
+
+
+def _fault_of_sizes(env: Any) -> str | None:
+    """Return what is wrong with what the task says of itself, or None."""
+    for attribute, whose in OTHERS.items():
+        if hasattr(env, attribute) and not hasattr(env, "action_size"):
+            return f"its interface is that of {whose}, and training needs {FORM}"
+    for attribute in ("observation_size", "action_size"):
+        if not hasattr(env, attribute):
+            return f"it has no {attribute}, a positive whole number"
+        size = getattr(env, attribute)
+        if attribute == "observation_size" and isinstance(size, Mapping | tuple | list):
+            return _of_several(size)
+        if not _is_positive_whole(size):
+            return f"its {attribute} = {size} must be a positive whole number"
+    length = getattr(env, "episode_length", 1)
+    if not _is_positive_whole(length):
+        return f"its episode_length = {length} must be a positive whole number"
+    for method, arguments in (("reset", ["key"]), ("step", ["state", "action"])):
+        try:
+            inspect.signature(getattr(env, method)).bind(*arguments)
+        except TypeError:
+            return f"its {method} must take {' and '.join(arguments)} alone: {FORM}"
+        except ValueError:  # nobody knows what it takes
+            continue
+    return None
+
+
+def _fault_of_arrays(env: Any) -> str | None:
+    """Return what is wrong with what reset and step return, or None."""
+    state = traced(_reset_of(env), jax.random.key(0))
+    if missing := [part for part in PARTS if not hasattr(state, part)]:
+        return (
+            f"its reset returns {told(state)} without {', '.join(missing)}, and training needs "
+            f"{FORM}"
+        )
+    if jax.tree_util.all_leaves([state]):
+        return f"JAX knows no parts of its {type(state).__name__}: let it be a brax.envs.State"
+    fault = _fault_of_observation(env, state.obs) or _fault_of_metrics(state.metrics)
+    if fault:
+        return fault
+    if not isinstance(state.info, Mapping):
+        return f"its info is a {type(state.info).__name__} and must be a dictionary"
+    for part in ("reward", "done"):
+        x = getattr(state, part)
+        if not is_array(x) or x.shape != () or not _is_real(x):
+            return f"its {part} is {told(x)} and must be one number, float32[]"
+    action = jax.ShapeDtypeStruct((env.action_size,), jnp.float32)
+    after = traced(_step_of(env), state, action)
+    if type(after) is not type(state):
+        return f"its step returns {told(after)} and its reset {told(state)}"
+    return difference(state, after, "reset", "step")
+
+
+def _reset_of(env: Any) -> Any:
+    return lambda key: env.reset(key)
+
+
+def _step_of(env: Any) -> Any:
+    """Return a task's step; of a task with a model, without its physics."""
+    if not isinstance(env, MujocoEnv):
+        return lambda state, action: env.step(state, action)
+    still = copy.copy(env)
+    still.physics = _Still(env.physics)  # pyright: ignore[reportAttributeAccessIssue]
+    return lambda state, action: still.step(state, action)
+
+
+class _Still:
+    """Physics in which nothing moves."""
+
+    def __init__(self, physics: Any):
+        self._physics = physics
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._physics, name)
+
+    def step(self, state: Any, action: jax.Array) -> Any:
+        """Return the state as it was."""
+        return state
+
+
+def _fault_of_observation(env: Any, obs: Any) -> str | None:
+    if not is_array(obs):
+        return _of_several(obs) if jax.tree.leaves(obs) else f"its observation is {told(obs)}"
+    if obs.ndim > 1:
+        return (
+            f"it observes an image or a table, {told(obs)}, and a policy reads one row of numbers: "
+            "flatten it"
+        )
+    if obs.ndim == 0 or not obs.size:
+        return f"its observation is {told(obs)} and must be a row of numbers"
+    if not (_is_real(obs) or jnp.issubdtype(obs.dtype, jnp.bool_)):
+        return f"its observation is {told(obs)} and must be of real numbers"
+    if obs.size != env.observation_size:
+        return f"its observation_size = {env.observation_size} and it observes {obs.size} numbers"
+    return None
+
+
+def _fault_of_metrics(metrics: Any) -> str | None:
+    if not isinstance(metrics, Mapping):
+        return f"its metrics are a {type(metrics).__name__} and must be a dictionary"
+    for name, x in metrics.items():
+        if not isinstance(name, str):
+            return f"its metric {name!r} must be called by a string"
+        if describe(name) is not REWARD_TERM and name not in OURS:
+            return f"its metric '{name}' would hide the training's of that name: call it otherwise"
+        if not is_array(x) or x.shape != () or not _is_real(x):
+            return f"its metric '{name}' is {told(x)} and must be one number"
+    return None
+
+
+def _of_several(obs: Any) -> str:
+    if isinstance(obs, Mapping):
+        names = ", ".join(map(str, obs))
+        return f"it observes several arrays ({names}), and a policy reads one: join them"
+    if isinstance(obs, tuple | list) and all(isinstance(x, int) for x in obs):
+        return (
+            f"its observation_size = {obs} is a shape, and a policy reads one row of numbers: "
+            "flatten the observation"
+        )
+    return (
+        f"it observes several arrays, in a {type(obs).__name__}, and a policy reads one: join them"
+    )
+
+
+def _is_positive_whole(x: Any) -> bool:
+    return isinstance(x, int) and not isinstance(x, bool) and x > 0
+
+
+def _is_real(x: jax.ShapeDtypeStruct) -> bool:
+    kinds = (jnp.floating, jnp.integer, jnp.bool_)
+    return any(jnp.issubdtype(x.dtype, kind) for kind in kinds)
