@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any, TextIO
 
 from hitmdp_jax.errors import UsageError, exit_with
+from hitmdp_jax.training.host import present_cores
 
 # Errors of the machine that name no file, and need no traceback.
 OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE)
@@ -25,6 +26,7 @@ def guarded(command: Callable[[], int | None], shows: bool = True) -> None:
       command: returns the exit code.
       shows: whether what it prints is what it is for: where that is lost, the exit code is 1.
     """
+    present_cores()
     threading.excepthook = _say_in_a_line
     logging.getLogger("absl").setLevel(logging.CRITICAL)  # what Orbax logs, `Checkpoints` says
     output = sys.stdout = Output(_opened(sys.stdout))

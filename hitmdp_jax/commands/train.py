@@ -30,7 +30,7 @@ from hitmdp_jax.training.checkpoint import saved_iterations
 from hitmdp_jax.training.claim import RUNS, already_there, claim, is_finished, newest
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import made
-from hitmdp_jax.training.host import set_up_host
+from hitmdp_jax.training.host import present_cores, set_up_host
 from hitmdp_jax.training.interrupt import InterruptedRunError
 from hitmdp_jax.training.run import Run
 
@@ -44,6 +44,7 @@ DIVERGED = 3  # the exit code of a run in which a seed was lost
 
 def main() -> None:
     """Run the command line."""
+    present_cores()  # the jobs of a sweep are checked before the first one is guarded
     arguments = sys.argv[1:]
     flags = [a for a in arguments if a.startswith("-")]
     multirun = bool(set(MULTIRUN) & set(flags))

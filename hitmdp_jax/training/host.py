@@ -8,10 +8,22 @@ import jax
 
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.envs.vector import RESET_CHUNK
+from hitmdp_jax.errors import UsageError
 from hitmdp_jax.machine import available_cores
 from hitmdp_jax.training.devices import num_shards
 
 THREADS_PER_CORE = 4
+
+
+def present_cores() -> None:
+    """Present every core as a device: what any run can do with, before its settings are known.
+
+    A command line does this first of all. A task or an algorithm of the user's own may compute as
+    soon as its file is run, and nothing can be set up after that.
+    """
+    if jax.config.jax_num_cpu_devices < 0:  # pyright: ignore[reportAttributeAccessIssue]
+        with contextlib.suppress(RuntimeError):  # JAX computes already
+            jax.config.update("jax_num_cpu_devices", available_cores())
 
 
 def set_up_host(physics: str, num_envs: int, trainings: int = 1, data_devices: int = 1) -> None:
@@ -31,11 +43,14 @@ def set_up_host(physics: str, num_envs: int, trainings: int = 1, data_devices: i
       num_envs: environments of each training, stepped side by side.
       trainings: trainings, spread over the cores.
       data_devices: devices that share the environments of a training.
+
+    Raises:
+      UsageError: a file of the user's has computed already, and the run needs more threads than JAX
+        then started.
     """
     cores = available_cores()
     shards = num_shards(trainings, max(1, cores // data_devices))
     devices = shards * data_devices
-    jax.config.update("jax_num_cpu_devices", devices)
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         with contextlib.suppress(RuntimeError):  # a user without a home keeps nothing
             cache = Path.home() / ".cache" / "hitmdp_jax"
@@ -43,4 +58,14 @@ def set_up_host(physics: str, num_envs: int, trainings: int = 1, data_devices: i
     rows = max(num_envs // data_devices, RESET_CHUNK) * -(-trainings // shards)
     safe = find_engine(physics).safe_rows
     unsafe = safe is not None and rows > safe
+    try:
+        jax.config.update("jax_num_cpu_devices", devices)
+    except RuntimeError:  # JAX computes already, with what `present_cores` made
+        if unsafe:
+            raise UsageError(
+                f"A file of your own makes JAX arrays when it is imported, which starts JAX; "
+                f"{rows:,} simulations of physics={physics} side by side need more threads than it "
+                "starts with: make the arrays in the class, or with NumPy."
+            ) from None
+        return
     os.environ.setdefault("NPROC", str(THREADS_PER_CORE * cores if unsafe else devices))

@@ -271,6 +271,32 @@ def assert_frozen_and_told(result, run_dir):
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(state.learner.params))
 
 
+ARRAYS_AT_IMPORT = """
+import jax.numpy as jnp
+from hitmdp_jax.agents import PPO
+from hitmdp_jax.envs.toy.turkey import Turkey
+
+RAW, EPSILON = jnp.array([1.0, 0.0]), jnp.float32(1e-5)
+
+class Task(Turkey):
+    pass
+
+class Own(PPO):
+    pass
+"""
+
+
+def test_files_that_make_arrays_when_they_are_imported_train_and_are_read(tmp_path):
+    """In processes of their own: JAX can be set up only before it computes."""
+    (tmp_path / "own.py").write_text(ARRAYS_AT_IMPORT)
+    own = ("env=own.py:Task", "algo=own.py:Own", "algo.hidden_sizes=[8]", "algo.num_epochs=1")
+    settings = (*own, "total_steps=2048", "report=false", "run_dir=run", "seeds=2")
+    for door, *arguments in (("train", *settings), ("evaluate", "run", "--episodes=2")):
+        command = [sys.executable, "-m", f"hitmdp_jax.{door}", *arguments]
+        result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert result.returncode == 0, result.stderr
+
+
 def test_own_task_and_algorithm_train_resume_evaluate_and_load(command, tmp_path):
     task = CHECKOUT / "examples" / "own_task.py"
     algo = CHECKOUT / "examples" / "own_algorithm.py"

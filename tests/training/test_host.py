@@ -58,3 +58,16 @@ def test_thousands_of_mjx_environments_train(tmp_path):
     settings = "env=halfcheetah num_envs=4096 rollout_length=2 total_steps=8192 algo.num_epochs=1"
     run([sys.executable, "train.py", *settings.split(), f"run_dir={tmp_path}"])
     assert (tmp_path / "checkpoints").exists()
+
+
+def test_a_file_that_computes_at_its_import_leaves_no_run_without_the_threads_it_needs():
+    code = (
+        "import jax; from hitmdp_jax.training.host import present_cores, set_up_host;"
+        "present_cores(); jax.numpy.zeros(1); set_up_host('native', 16, 2);"
+        "print(len(jax.local_devices())); set_up_host('mjx', 4096)"
+    )
+    environment = {name: x for name, x in os.environ.items() if name != "NPROC"}
+    command = [sys.executable, "-c", code]
+    out = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert int(out.stdout) == available_cores()
+    assert "make the arrays in the class, or with NumPy" in out.stderr
