@@ -8,14 +8,24 @@ from typing import Any, Self, dataclass_transform
 import jax
 from flax import struct
 
+from hitmdp_jax.checks import MOST, in_float32, is_positive_whole
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.rollout import Batch
 
 
-def traced(default: float, low: float = 0.0, high: float = math.inf, infinite: bool = False) -> Any:
-    """Declare a float hyperparameter in [low, high], finite unless `infinite`: a pytree leaf."""
-    limits = {"low": low, "high": high, "infinite": infinite}
+def traced(
+    default: float,
+    low: float = 0.0,
+    high: float = math.inf,
+    infinite: bool = False,
+    positive: bool = False,
+) -> Any:
+    """Declare a float hyperparameter in [low, high], a pytree leaf.
+
+    It is finite unless `infinite`, and above 0 where `positive`: something is divided by it.
+    """
+    limits = {"low": low, "high": high, "infinite": infinite, "positive": positive}
     return struct.field(default=default, metadata=limits)
 
 
@@ -45,10 +55,10 @@ def check_hyperparameters(agent: Any) -> None:
         elif isinstance(default, float):
             wanted = _fault_of_number(value, **_limits(field))
         elif isinstance(default, int):
-            wanted = "" if _is_positive_whole(value) else "a positive whole number"
+            wanted = _fault_of_whole((value,), "a positive whole number")
         elif isinstance(default, tuple):
-            fits = isinstance(value, tuple) and value and all(map(_is_positive_whole, value))
-            wanted = "" if fits else "a list of positive whole numbers"
+            values = value if isinstance(value, tuple) and value else (None,)
+            wanted = _fault_of_whole(values, "a list of positive whole numbers")
         if wanted:
             raise out_of_domain(
                 field.name, list(value) if isinstance(value, tuple) else value, wanted
@@ -56,25 +66,29 @@ def check_hyperparameters(agent: Any) -> None:
 
 
 def _limits(field: dataclasses.Field) -> dict[str, Any]:
-    anything = {"low": -math.inf, "high": math.inf, "infinite": False}
+    anything = {"low": -math.inf, "high": math.inf, "infinite": False, "positive": False}
     return {name: field.metadata.get(name, limit) for name, limit in anything.items()}
 
 
-def _fault_of_number(value: Any, low: float, high: float, infinite: bool) -> str:
+def _fault_of_number(value: Any, low: float, high: float, infinite: bool, positive: bool) -> str:
     """Return what a float hyperparameter should have been, or nothing where it is valid."""
-    if not isinstance(value, bool):
-        if isinstance(value, int | float):
-            if low <= value <= high and (infinite or math.isfinite(value)):
-                return ""
-        elif hasattr(value, "dtype"):
-            return ""
-    if infinite or high < math.inf:
-        return f"a number from {low:g} to {high:g}"
-    return "a finite number" + (f" from {low:g}" if low > -math.inf else "")
+    above = " above 0" if positive else f" from {low:g}" if low > -math.inf else ""
+    bounded = infinite or high < math.inf
+    wanted = f"a number{above} to {high:g}" if bounded else f"a finite number{above}"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return "" if hasattr(value, "dtype") else wanted
+    if not low <= value <= high or (math.isinf(value) and not infinite):
+        return wanted
+    if math.isinf(in_float32(value)) and not math.isinf(value):
+        return f"{wanted}, at most 3.4e+38"
+    return wanted if positive and in_float32(value) == 0 else ""
 
 
-def _is_positive_whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value > 0
+def _fault_of_whole(values: tuple[Any, ...], wanted: str) -> str:
+    """Return what whole numbers should have been, or nothing where they are valid."""
+    if not all(map(is_positive_whole, values)):
+        return wanted
+    return f"{wanted}, at most {MOST:,}" if max(values) > MOST else ""
 
 
 class LearnerState(struct.PyTreeNode):

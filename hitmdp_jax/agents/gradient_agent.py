@@ -24,8 +24,8 @@ class GradientAgent(Agent):
     """An agent with one network, which Adam trains."""
 
     learning_rate: float = traced(3e-4)
-    adam_eps: float = traced(1e-5)
-    max_grad_norm: float = traced(0.5, infinite=True)
+    adam_eps: float = traced(1e-5, positive=True)
+    max_grad_norm: float = traced(0.5, infinite=True, positive=True)
     gamma: float = traced(0.99, high=1.0)
     hidden_sizes: tuple[int, ...] = static((64, 64))
     activation: str = static("relu", tuple(ACTIVATIONS))
@@ -72,7 +72,7 @@ class ClippedAgent(GradientAgent):
         """Reject a number of samples that minibatches do not divide."""
         size = self.minibatch_size
         if num_samples % size:
-            near = max(d for d in range(1, size + 1) if num_samples % d == 0)
+            near = max(d for d in range(1, min(size, num_samples) + 1) if num_samples % d == 0)
             raise UsageError(
                 f"{spelled} = {num_samples} is not divisible by minibatch_size = {size}; "
                 f"the nearest size below that divides it is {near}."

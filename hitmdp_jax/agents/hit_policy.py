@@ -1,5 +1,6 @@
 """The policy of HiT-MDPs (sec. 3 and App. G): options as embeddings, chosen anew at every step."""
 
+import math
 from typing import Any
 
 import distrax
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import static, traced
 from hitmdp_jax.agents.gradient_agent import GradientAgent
+from hitmdp_jax.errors import UsageError
 from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEncoder
 
 INITIAL_OPTIONS = ("uniform", "first")
@@ -118,6 +120,15 @@ class HitPolicy(GradientAgent):
     initial_option: str = static("uniform", INITIAL_OPTIONS)
     value_order: int = static(1)
     embeddings: str = static("equal", EMBEDDINGS)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        # A memory of the last options is one int32.
+        if self.value_order > 1 and self.value_order * math.log2(self.num_options) >= 31:
+            raise UsageError(
+                f"value_order = {self.value_order} of num_options = {self.num_options} makes "
+                f"{self.num_options}^{self.value_order} memories, more than 2^31: lower one."
+            )
 
     def network(self, action_size: int) -> HitNetwork:
         """Return the network for actions of this size."""

@@ -12,6 +12,7 @@ import numpy as np
 from brax.envs.base import Env
 
 from hitmdp_jax.analysis.trajectories import record, record_in_gymnasium
+from hitmdp_jax.checks import check_memory
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.physics import ENGINES as PHYSICS
 from hitmdp_jax.errors import UsageError, unknown_name
@@ -44,7 +45,7 @@ def check_request(engine: str, episodes: int) -> None:
     """
     if engine not in ENGINES:
         raise unknown_name("engine", str(engine), ENGINES)
-    whole_number("episodes", episodes, at_least=1)
+    check_memory({"episodes": 24 * whole_number("episodes", episodes, at_least=1)})
 
 
 def score(

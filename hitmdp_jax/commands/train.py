@@ -150,6 +150,7 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     else:
         config = run_config(values)
         config.check_installed()
+        config.check_memory()
         if config.video_every:
             from hitmdp_jax.commands.video import check_filming
 

@@ -17,6 +17,7 @@ import jax
 from hitmdp_jax import plugins
 from hitmdp_jax.analysis.evaluation import check_fit
 from hitmdp_jax.analysis.trajectories import record
+from hitmdp_jax.checks import check_memory
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
 from hitmdp_jax.commands.guard import guarded
 from hitmdp_jax.commands.policies import add_choice, load_chosen
@@ -54,7 +55,7 @@ def _main() -> None:
         "--tensorboard", action="store_true", help="events of both beside the video"
     )
     options = parser.parse_args()
-    whole_number("episodes", options.episodes, at_least=1)
+    check_memory({"episodes": 24 * whole_number("episodes", options.episodes, at_least=1)})
     config = RunConfig.load(options.run_dir, options.trust)
     engine = config.physics if options.engine is None else options.engine
     find_engine(engine).check()

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from hitmdp_jax.checks import is_positive_whole
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.metrics import REWARD_TERM, describe
@@ -57,10 +58,10 @@ def _fault_of_sizes(env: Any) -> str | None:
         size = getattr(env, attribute)
         if attribute == "observation_size" and isinstance(size, Mapping | tuple | list):
             return _of_several(size)
-        if not _is_positive_whole(size):
+        if not is_positive_whole(size):
             return f"its {attribute} = {size} must be a positive whole number"
     length = getattr(env, "episode_length", 1)
-    if not _is_positive_whole(length):
+    if not is_positive_whole(length):
         return f"its episode_length = {length} must be a positive whole number"
     for method, arguments in (("reset", ["key"]), ("step", ["state", "action"])):
         try:
@@ -167,10 +168,6 @@ def _of_several(obs: Any) -> str:
     return (
         f"it observes several arrays, in a {type(obs).__name__}, and a policy reads one: join them"
     )
-
-
-def _is_positive_whole(x: Any) -> bool:
-    return isinstance(x, int) and not isinstance(x, bool) and x > 0
 
 
 def _is_real(x: jax.ShapeDtypeStruct) -> bool:

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from hitmdp_jax.checks import in_float32
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 
 GIVEN = ("physics", "version")  # what `make_env` passes itself, where a constructor takes it
@@ -114,7 +115,8 @@ def _check(name: str, value: Any, kind: Any, domains: bool) -> None:
     elif domains and name.endswith("noise_scale"):
         fits, wanted = fits and 0 <= value < math.inf, "a finite number from 0"
     elif domains and float in (kind, *get_args(kind)):
-        fits = fits and value not in (math.inf, -math.inf)
+        number = isinstance(value, int | float | np.number)
+        fits = fits and not (number and math.isinf(in_float32(value)))
         wanted = wanted.replace("a number", "a finite number")
     if not fits:
         raise out_of_domain(name, value, wanted)

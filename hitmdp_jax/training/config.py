@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +13,7 @@ import yaml
 
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import Agent, find_agent
+from hitmdp_jax.checks import check_memory
 from hitmdp_jax.envs import check_engine, check_env, check_installed
 from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.envs.physics import find_engine
@@ -122,6 +124,33 @@ class RunConfig:
         for setting in config.settings:
             config.make_agent(setting)
         return config
+
+    def check_memory(self) -> None:
+        """Check that what the run cannot do without can fit into memory, before anything is made.
+
+        Counted are a number of 4 bytes for each step of the rollouts and three a parameter, Adam's.
+
+        Raises:
+          UsageError: it cannot fit; names the settings that need most.
+        """
+        settings = self.samples or math.prod(len(x) for x in (self.sweep or {}).values())
+        trainings, agent = self.seeds * settings, self.make_agent()
+        options = getattr(agent, "num_options", 1)
+        sizes = [1, *getattr(agent, "hidden_sizes", ()), 1]
+        weights = sum(a * b for a, b in itertools.pairwise(sizes))
+        rollout = self.num_envs * self.rollout_length
+        check_memory(
+            {
+                "seeds, num_envs and rollout_length": 4 * trainings * rollout,
+                "hidden_sizes": 12 * trainings * weights,
+                "num_options and embedding_size": 12
+                * options
+                * getattr(agent, "embedding_size", 1),
+                "num_options and value_order": 4
+                * options ** (2 * getattr(agent, "value_order", 0)),
+                "eval_episodes": 4 * self.eval_episodes if self.eval_every else 0,
+            }
+        )
 
     def check_installed(self) -> None:
         """Check that what the engine and the tasks need is installed; settings can do without.
@@ -323,7 +352,7 @@ def trust_named(settings: Mapping[str, Any], remember: bool = False) -> None:
 
 def _check_division(num_envs: int, data_devices: int) -> None:
     if num_envs % data_devices:
-        near = max(d for d in range(1, data_devices + 1) if num_envs % d == 0)
+        near = max(d for d in range(1, min(data_devices, num_envs) + 1) if num_envs % d == 0)
         raise UsageError(
             f"num_envs = {num_envs} is not divisible by data_devices = {data_devices}; the nearest "
             f"number below that divides it is {near}."

@@ -41,6 +41,7 @@ EVALUATE = [
     ("run --episodes 1.5", "--episodes"),
     ("run --episodes", "--episodes"),
     ("run --episodes 100000000000000", "episodes = 100000000000000 must be"),
+    ("run --episodes 99999999999", "of memory, most of it for episodes"),
     ("run --episode-count 5", "Unknown flag '--episode-count'"),
     ("run --episodez 5", "did you mean '--episodes'?"),
     ("run --jsn", "did you mean '--json'?"),
