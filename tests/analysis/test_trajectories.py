@@ -38,7 +38,9 @@ def policy():
     return untrained(MOPG(**SMALL), 4, 1, jax.random.key(0))
 
 
-@pytest.fixture(scope="module", params=["native", "mjx", "gymnasium"])
+@pytest.fixture(
+    scope="module", params=["native", pytest.param("mjx", marks=pytest.mark.slow), "gymnasium"]
+)
 def recorded(request, policy):
     key = jax.random.key(1)
     if request.param == "gymnasium":

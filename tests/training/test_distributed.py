@@ -90,7 +90,9 @@ def assert_alone_ends_alike(command, together, *settings):
     assert_alike(state_of(together), state_of(alone))
 
 
-def test_two_processes_stop_together_and_go_on_as_one_would_train(start_two, command, tmp_path):
+def test_two_processes_stop_together_and_one_goes_on_as_it_would_alone(
+    start_two, command, tmp_path
+):
     """A signal to one stops both after the same iteration; the first one alone leaves anything."""
     run_dir = tmp_path / "together"
     pair = start_two(*QUICK, *LONG, "data_devices=2", f"run_dir={run_dir}")
@@ -98,26 +100,31 @@ def test_two_processes_stop_together_and_go_on_as_one_would_train(start_two, com
     pair[1].send_signal(signal.SIGTERM)
     codes, told = ends(pair)
     assert codes == [143, 143], told
-    assert f"saved in {run_dir}" in told[0][0]
-    last = int(rows_of(run_dir)[-1]["iteration"])
-    assert max(saved_iterations(run_dir)) == last
-
-    steps = f"total_steps={(last + 2) * 2048}"
-    codes, told = ends(start_two(f"resume={run_dir}", steps, "report=false"))
-    assert codes == [0, 0], told
     assert "in 2 processes" in told[0][0]
+    assert f"saved in {run_dir}" in told[0][0]
     others = [line for line in told[1][0].splitlines() if not line.startswith("[Gloo]")]
     assert others == []
     assert not list((tmp_path / "process_1").iterdir())
+    last = int(rows_of(run_dir)[-1]["iteration"])
+    assert max(saved_iterations(run_dir)) == last
+
+    again = command(
+        "train", f"resume={run_dir}", f"total_steps={(last + 1) * 2048}", "report=false"
+    )
+    assert again.returncode == 0, again.stderr
     assert_alone_ends_alike(command, run_dir)
 
 
 @pytest.mark.slow
-def test_two_processes_share_the_seeds_as_one_trains_them(start_two, command, tmp_path):
+@pytest.mark.parametrize("settings", [["seeds=2"], ["data_devices=2"]])
+def test_two_processes_go_on_together_as_one_trains(start_two, command, tmp_path, settings):
     run_dir = tmp_path / "together"
-    codes, told = ends(start_two(*QUICK, "seeds=2", "total_steps=4096", f"run_dir={run_dir}"))
+    begun = start_two(*QUICK, *settings, "total_steps=4096", f"run_dir={run_dir}")
+    assert ends(begun)[0] == [0, 0]
+    codes, told = ends(start_two(f"resume={run_dir}", "total_steps=8192", "report=false"))
     assert codes == [0, 0], told
-    assert_alone_ends_alike(command, run_dir, "seeds=2")
+    alone = [] if "data_devices=2" in settings else settings
+    assert_alone_ends_alike(command, run_dir, *alone)
 
 
 @pytest.mark.slow
