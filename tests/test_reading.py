@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import yaml
 
-from hitmdp_jax import machine
 from hitmdp_jax.analysis import results
 from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.commands import evaluate, study
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.reading import read_numbers, read_rows, read_yaml
+from hitmdp_jax.training import provenance
 from hitmdp_jax.training.checkpoint import Checkpoints
 from hitmdp_jax.training.config import RunConfig
 
@@ -24,7 +24,7 @@ STUDY = {
 READERS = {  # file -> its content, and what reads it
     "config.yaml": (yaml.safe_dump(RUN), RunConfig.load),
     "metrics.csv": (TABLE, read_metrics),
-    "made_with.txt": ("jax 0.10\njax 0.11\n", machine.made_with),
+    "made_with.txt": ("jax 0.10\njax 0.11\n", provenance.made_with),
     "evaluations.csv": (
         "iteration,seed,return\n1,0,2.5\n",
         lambda folder: evaluate.append(folder, [{"iteration": 2, "seed": 0, "return": 3.5}]),
@@ -155,7 +155,7 @@ def test_what_a_table_cannot_hold_is_named_with_its_line(text, sentence, tmp_pat
 
 def test_what_made_a_run_is_printable(folder):
     (folder / "made_with.txt").write_bytes(b"jax \x1b[31m\xff\nnumpy\x07\n")
-    assert machine.made_with(folder).isprintable()
+    assert provenance.made_with(folder).isprintable()
 
 
 def test_no_other_character_ends_a_line_of_a_table(tmp_path):

@@ -40,8 +40,8 @@ from hitmdp_jax.analysis.sweeps import by_setting, rank
 from hitmdp_jax.analysis.sweeps import table as sweep_table
 from hitmdp_jax.analysis.tables import Rows
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.machine import made_with
 from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.training.provenance import made_with
 from hitmdp_jax.training.sweep import label
 
 SETTINGS = 7  # of a sweep whose curves are drawn, the best

@@ -22,10 +22,10 @@ from hitmdp_jax.analysis.results_page import Suite, page, section
 from hitmdp_jax.commands.arms import configs_of, last_of_each, named, train_arms
 from hitmdp_jax.commands.settings import writable
 from hitmdp_jax.errors import UsageError, unknown_name
-from hitmdp_jax.machine import made_with
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import write
 from hitmdp_jax.training.policy import extract
+from hitmdp_jax.training.provenance import made_with
 
 SUITES = Path(hitmdp_jax.__file__).parent / "suites"
 RUNS = Path("runs/results")

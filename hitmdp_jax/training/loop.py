@@ -15,13 +15,13 @@ from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.envs.physics import NativeEngine
 from hitmdp_jax.envs.physics.speed import native_speed
 from hitmdp_jax.learning.metrics import Metrics
-from hitmdp_jax.machine import note_versions
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import Checkpoints, CheckpointsElsewhere, Progress
 from hitmdp_jax.training.claim import locked
 from hitmdp_jax.training.folder import CONFIG, write
 from hitmdp_jax.training.interrupt import StopRequest
 from hitmdp_jax.training.program import CAUSES, Iterate, TrainState
+from hitmdp_jax.training.provenance import note_versions
 from hitmdp_jax.training.run import Run
 from hitmdp_jax.training.sinks import Sinks, Values, open_sinks
 from hitmdp_jax.training.sinks.terminal import TerminalSink
