@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hitmdp_jax.commands.settings import Settings, quoted
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training.claim import already_there, is_finished
+from hitmdp_jax.training.claim import already_there
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import made
 from hitmdp_jax.training.interrupt import SIGNALS
@@ -24,7 +24,7 @@ def configs_of(arms: Mapping[str, Sequence[str]], trust: bool = True) -> dict[st
 
 
 def train_arms(arms: Mapping[str, Sequence[str]], folder: Path, trust: bool = True) -> int:
-    """Train every arm into `folder/<arm>`, or go on with it; what is finished is taken as it is.
+    """Train every arm into `folder/<arm>`, or go on with it; a finished run is left as it is.
 
     Args:
       arms: name -> settings of train.py.
@@ -45,12 +45,9 @@ def train_arms(arms: Mapping[str, Sequence[str]], folder: Path, trust: bool = Tr
     known = {arm: already_there(run_dirs[arm], configs[arm]) for arm in arms}
     made(folder)
     for arm, run_dir in run_dirs.items():
-        if known[arm] and is_finished(run_dir, configs[arm]):
-            print(f"{arm}: taken from {run_dir}", flush=True)
-            continue
         name = quoted(str(run_dir))
         where = [f"resume={name}", "trust=true"] if known[arm] else [*arms[arm], f"run_dir={name}"]
-        # What arms are trained for reports on all of them.
+        # Of a run that is finished it says so. What arms are trained for reports on all of them.
         code = train(last_of_each([*where, "report=false"]))
         if code > 128:
             print(f"Stopped in {arm}. The same command with run_dir={folder} goes on from there.")

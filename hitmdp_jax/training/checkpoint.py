@@ -151,6 +151,21 @@ class Checkpoints:
                 self._manager.delete(iteration)
         return progress
 
+    def is_whole(self, iteration: int) -> bool:
+        """Return whether a checkpoint holds what was saved, for all that a run goes on from.
+
+        Raises:
+          UsageError: a newer version of the package wrote it.
+        """
+        try:
+            if STATE in self._words(iteration).get("digests", {STATE}):  # not of a policy alone
+                self._read(iteration, STATE, self._claimed(iteration, STATE))
+        except UsageError:
+            raise
+        except Exception:  # whatever a torn file makes its reader say
+            return False
+        return True
+
     def restore_policy(
         self, which: int | str = "newest", task: int | None = None
     ) -> tuple[int, dict[str, Any]]:

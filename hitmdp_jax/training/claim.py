@@ -1,16 +1,16 @@
 """Who may write into a run's folder, what it holds already, and how a new one is named."""
 
+import contextlib
 import fcntl
 import itertools
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from hitmdp_jax import plugins
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training.checkpoint import saved_iterations
+from hitmdp_jax.training.checkpoint import Checkpoints, saved_iterations
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import (
     CONFIG,
@@ -84,7 +84,7 @@ def clear(folder: Path) -> None:
             path.unlink()
 
 
-@contextmanager
+@contextlib.contextmanager
 def locked(run_dir: Path) -> Iterator[None]:
     """Keep other processes from writing into a run's folder meanwhile; a killed one lets go.
 
@@ -107,8 +107,12 @@ def locked(run_dir: Path) -> Iterator[None]:
 
 
 def is_finished(run_dir: Path, config: RunConfig) -> bool:
-    """Return whether a run has saved its last iteration."""
-    return max(saved_iterations(run_dir), default=0) >= config.last_iteration
+    """Return whether a run has saved its last iteration, in a checkpoint that can be read."""
+    newest = max(saved_iterations(run_dir), default=0)
+    if newest < config.last_iteration:
+        return False
+    with contextlib.closing(Checkpoints(run_dir, read_only=True)) as checkpoints:
+        return checkpoints.is_whole(newest)
 
 
 def already_there(run_dir: Path, config: RunConfig) -> bool:

@@ -14,7 +14,7 @@ from pathlib import Path
 import jax
 import pytest
 
-from hitmdp_jax.commands import figures
+from hitmdp_jax.commands import arms, figures
 from hitmdp_jax.training.config import BESIDE_THE_POINT
 from hitmdp_jax.training.run import Run
 from tests import probes
@@ -80,6 +80,19 @@ def command(variables, tmp_path_factory):
         return subprocess.CompletedProcess(name, code, out.getvalue(), err.getvalue())
 
     return run
+
+
+@pytest.fixture
+def arms_here(command, monkeypatch):
+    """Train arms in this process; the results of their trainings."""
+    trained = []
+
+    def train(settings):
+        trained.append(command("train", *settings))
+        return trained[-1].returncode
+
+    monkeypatch.setattr(arms, "train", train)
+    return trained
 
 
 def exit_code_of(function):

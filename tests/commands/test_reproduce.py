@@ -37,12 +37,13 @@ def test_a_comparison_writes_a_table_and_a_figure(compared):
     assert "IQM" in result.stdout
 
 
-def test_a_finished_comparison_trains_nothing_again(compared, command):
+def test_a_finished_comparison_trains_nothing_again(compared, command, arms_here):
     folder, settings, _ = compared
     before = (folder / "ppo" / "metrics.csv").read_bytes()
     again = command("reproduce", *settings)
     assert again.returncode == 0, again.stderr
-    assert f"ppo: taken from {folder / 'ppo'}" in again.stdout
+    (ppo,) = arms_here
+    assert f"{folder / 'ppo'} is finished: 4,096 env steps" in ppo.stdout
     assert (folder / "ppo" / "metrics.csv").read_bytes() == before
 
 

@@ -14,9 +14,8 @@ def test_the_studies_that_come_with_the_package_are_valid(name):
     assert all(config.seeds >= 16 for config in arms.configs_of(settings).values())
 
 
-def test_a_study_of_ones_own_is_trained_and_noted_down(command, tmp_path, monkeypatch):
+def test_a_study_of_ones_own_is_trained_and_noted_down(command, tmp_path, arms_here):
     """Its arms are trained in this process; that they have one of their own is tested elsewhere."""
-    monkeypatch.setattr(arms, "train", lambda settings: command("train", *settings).returncode)
     own = {
         "question": "Does discounting matter?",
         "control": "long",
@@ -33,4 +32,5 @@ def test_a_study_of_ones_own_is_trained_and_noted_down(command, tmp_path, monkey
     assert notebook.startswith("\n## Does discounting matter?")
     assert notebook.endswith(table)
     again = command("study", *arguments, cwd=tmp_path)
-    assert "short, 10 steps: taken from" in again.stdout
+    assert again.returncode == 0, again.stderr
+    assert ["is finished: 2,048" in arm.stdout for arm in arms_here] == [False, False, True, True]

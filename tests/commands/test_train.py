@@ -297,6 +297,23 @@ def test_files_that_make_arrays_when_they_are_imported_train_and_are_read(tmp_pa
         assert result.returncode == 0, result.stderr
 
 
+def test_a_run_whose_last_checkpoint_is_torn_is_not_finished(command, tmp_path):
+    """It goes on from the checkpoint before, to where it was."""
+    run_dir = tmp_path / "run"
+    settings = (*QUICK, "total_steps=4096", "checkpoint_steps=2048", f"run_dir={run_dir}")
+    assert command("train", *settings).returncode == 0
+    whole = shutil.copytree(run_dir, tmp_path / "whole")
+    files = [p for p in (run_dir / "checkpoints" / "2" / "state").rglob("*") if p.is_file()]
+    largest = max(files, key=lambda path: path.stat().st_size)
+    largest.write_bytes(largest.read_bytes()[:-100])
+    result = command("train", f"resume={run_dir}", "report=false")
+    assert result.returncode == 0, result.stderr
+    assert result.stderr.count("checkpoint of iteration 2") == 1
+    assert f"Saved in {run_dir}" in result.stdout
+    assert_same_run(whole, run_dir)
+    assert "is finished" in command("train", f"resume={run_dir}").stdout
+
+
 def test_own_task_and_algorithm_train_resume_evaluate_and_load(command, tmp_path):
     task = CHECKOUT / "examples" / "own_task.py"
     algo = CHECKOUT / "examples" / "own_algorithm.py"

@@ -4,9 +4,11 @@ import multiprocessing
 import os
 from pathlib import Path
 
+import jax.numpy as jnp
 import pytest
 
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.training.checkpoint import Checkpoints
 from hitmdp_jax.training.claim import (
     already_there,
     claim,
@@ -106,10 +108,13 @@ def test_another_runs_folder_is_not_taken_for_ones_own(tmp_path):
     claim(tmp_path, CONFIG)
     assert already_there(tmp_path, CONFIG)
     assert not is_finished(tmp_path, CONFIG)
-    (tmp_path / "checkpoints" / "1").mkdir(parents=True)
+    for iteration, finished in ((1, False), (2, True)):
+        checkpoints = Checkpoints(tmp_path)
+        checkpoints.save_policy(iteration, 0, {"mean": jnp.zeros((1, 3))})
+        checkpoints.close()
+        assert is_finished(tmp_path, CONFIG) == finished
+    (tmp_path / "checkpoints" / "2" / "progress" / "metadata").write_text("")
     assert not is_finished(tmp_path, CONFIG)
-    (tmp_path / "checkpoints" / "2").mkdir()
-    assert is_finished(tmp_path, CONFIG)
     other = RunConfig(algo={"name": "ppo", "gamma": 0.9}, env={"name": "halfcheetah"}, seeds=2)
     with pytest.raises(UsageError, match=r"algo.gamma: 0.9 here, None there; seeds: 2 here, 1 the"):
         already_there(tmp_path, other)
