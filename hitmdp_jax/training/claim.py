@@ -19,6 +19,7 @@ from hitmdp_jax.training.folder import (
     appending,
     members,
     refuse_link,
+    remove_leftovers,
     write,
 )
 
@@ -103,6 +104,7 @@ def locked(run_dir: Path) -> Iterator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise BusyError(f"'{run_dir}' is being written by another process.") from None
+        remove_leftovers(run_dir)
         yield
 
 

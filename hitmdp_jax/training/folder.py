@@ -20,13 +20,14 @@ REPORT = "report.html"
 SWEEP = "sweep"  # of a sweep: its table, `.csv` and `.md`, and its figure
 EVENTS = "events"  # of TensorBoard, which adds `.out.tfevents.` and more
 LOCK = ".lock"  # stays; whoever trains holds it
+LEFTOVER = ".*.tmp"  # of a file that was being written at a kill
 CHECKPOINTS, EXPORT, FIGURES = "checkpoints", "export", "figures"
 SETTINGS, VIDEOS, WANDB = "settings", "videos", "wandb"
 
 FOLDERS = (CHECKPOINTS, EXPORT, FIGURES, SETTINGS, VIDEOS, WANDB)
 FILES = (
     f"{EVALUATIONS}*", f"{METRICS}*", MADE_WITH, REPORT, f"{SWEEP}.csv", f"{SWEEP}.md",
-    f"{EVENTS}.out.tfevents.*", ".*.tmp", CONFIG,
+    f"{EVENTS}.out.tfevents.*", LEFTOVER, CONFIG,
 )  # fmt: skip
 
 
@@ -66,7 +67,11 @@ def subfolder(run_dir: Path, *names: str) -> Path:
 def refuse_link(path: Path) -> None:
     """Raise OSError where a path is a link: it may lead out of a folder that a stranger made."""
     if path.is_symlink():
-        raise OSError(errno.ELOOP, "it is a link, and nothing is written through one", str(path))
+        raise _link(path)
+
+
+def _link(path: Path) -> OSError:
+    return OSError(errno.ELOOP, "it is a link, and nothing is written through one", str(path))
 
 
 @contextmanager
@@ -74,7 +79,7 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
     """Give a file to write, which takes the place of `path` once it is whole.
 
     Until then it lies beside it under a name that nobody can have planted a link at. What fails
-    leaves the old file as it was; a kill leaves a hidden file more.
+    leaves the old file as it was; a kill leaves a hidden file more, which `remove_leftovers` finds.
 
     Raises:
       OSError: naming the file: it cannot be written, or a link or a device is in its place.
@@ -85,10 +90,12 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
     beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     try:
         with beside.open("xb") as file:
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(file, fcntl.LOCK_EX)
             yield file
             file.flush()
             os.fsync(file.fileno())
-        os.replace(beside, path)
+            os.replace(beside, path)
     except BaseException as error:
         beside.unlink(missing_ok=True)
         if isinstance(error, OSError) and error.errno:
@@ -117,11 +124,23 @@ def alone(run_dir: Path) -> Iterator[None]:
         os.close(number)
 
 
+def remove_leftovers(run_dir: Path) -> None:
+    """Remove what kills left of a run's files that were being written; not what still is."""
+    for folder in (run_dir, *(run_dir / name for name in FOLDERS)):
+        for path in filter(Path.is_file, folder.glob(LEFTOVER)):
+            with suppress(OSError), path.open("rb") as file:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)  # its writer has the other one
+                path.unlink()
+
+
 def appending(path: Path) -> TextIO:
     """Open a text file to add lines to.
 
     Raises:
       OSError: naming the file: it cannot be written, or a link is in its place.
     """
-    refuse_link(path)
-    return path.open("a", encoding="utf-8", newline="")
+    try:
+        number = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+    except OSError as error:
+        raise _link(path) if error.errno == errno.ELOOP else error from None
+    return open(number, "a", encoding="utf-8", newline="")

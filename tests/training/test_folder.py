@@ -97,6 +97,26 @@ def test_a_file_is_written_through_no_link(tmp_path, write):
     assert not elsewhere.exists()
 
 
+def test_a_link_that_appears_between_a_look_and_the_opening_is_not_followed(tmp_path, monkeypatch):
+    (tmp_path / folder.LOCK).symlink_to(tmp_path / "elsewhere")
+    monkeypatch.setattr(Path, "is_symlink", lambda path: False)
+    with pytest.raises(UsageError, match="nothing is written through one"):
+        locked(tmp_path).__enter__()
+    assert not (tmp_path / "elsewhere").exists()
+
+
+def test_whoever_locks_a_run_removes_what_kills_left_and_nothing_that_is_being_written(tmp_path):
+    for name in (".config.yaml.0123abcd.tmp", f"{folder.FIGURES}/.figure6.png.0123abcd.tmp"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    with folder.replaced(tmp_path / folder.REPORT) as file:
+        with locked(tmp_path):
+            assert [path.name for path in tmp_path.glob(".*.tmp")] == [Path(file.name).name]
+            assert not list((tmp_path / folder.FIGURES).iterdir())
+        file.write(b"whole")
+    assert (tmp_path / folder.REPORT).read_bytes() == b"whole"
+
+
 def test_only_a_file_is_replaced(tmp_path):
     """As root, `--out /dev/null` would otherwise replace the device."""
     for path in (Path(os.devnull), tmp_path):
