@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 
 from hitmdp_jax.analysis.colors import Style, color, option_color
+from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.options import mean_duration
 from hitmdp_jax.reading import read_numbers
 from hitmdp_jax.training.folder import FIGURES, METRICS, replaced, subfolder
@@ -20,15 +21,20 @@ WINDOW = 20  # iterations a curve is smoothed over, as in the paper's figures
 THIN, FAINT = 0.7, 0.5  # width and opacity of a single seed's line
 
 
-def read_metrics(run_dir: Path) -> dict[str, np.ndarray]:
+def read_metrics(run_dir: Path, trainings: int | None = None) -> dict[str, np.ndarray]:
     """Return a run's metrics as arrays [S, iterations] by column name; missing values are NaN.
 
     Rows belong together by their iteration, seed and setting, wherever they stand. A report that
     lacks a training's row is left out: a run that was killed, or still writes, leaves such a last
     one. A run without a whole report has no columns.
 
+    Args:
+      run_dir: the run's folder.
+      trainings: how many the run has, where the arrays' places are to be theirs.
+
     Raises:
-      UsageError: the file cannot be read, or a row is not one number a column.
+      UsageError: the file cannot be read, a row is not one number a column, or a training has lost
+        all its rows.
     """
     needed = ("iteration", "env_steps", "seed")
     rows = read_numbers(run_dir / METRICS, needed, unfinished=True)
@@ -40,6 +46,13 @@ def read_metrics(run_dir: Path) -> dict[str, np.ndarray]:
     if not counts:
         return {}
     every = max(counts, key=lambda trainings: (counts[trainings], len(trainings)))
+    if trainings is not None and len(every) != trainings:
+        if len(reports) == 1:  # which is being written
+            return {}
+        raise UsageError(
+            f"'{run_dir / METRICS}' has lost rows: it holds {len(every)} of the run's {trainings} "
+            "trainings."
+        )
     whole = [report for report in reports.values() if report.keys() == every]
     return {
         name: np.array([[of[i][name] for of in whole] for i in sorted(every)]) for name in rows[0]

@@ -179,7 +179,7 @@ class RunReport:
         Raises:
           UsageError: there is no whole iteration of them.
         """
-        metrics = read_metrics(self.run_dir)
+        metrics = read_metrics(self.run_dir, len(self.config.trainings))
         if not metrics:
             raise UsageError("The run has no finished iteration.")
         return metrics
@@ -361,7 +361,7 @@ def compare(runs: Mapping[str, tuple[Path, RunConfig]], commands: Mapping[str, s
     """
     metrics, switches, algorithms = {}, {}, {}
     for run, (folder, config) in runs.items():
-        if not (read := read_metrics(folder)):
+        if not (read := read_metrics(folder, len(config.trainings))):
             raise UsageError(f"The run {run} has no finished iteration.")
         for setting, own in by_setting(config, read).items():
             name = f"{run}, {setting}" if setting else run

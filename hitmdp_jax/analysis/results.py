@@ -81,7 +81,8 @@ def publish(
       known: what the folder holds, if the run's seeds are to follow those.
       more: adds further files to the folder that it is given, which becomes the cell's.
     """
-    config, metrics = RunConfig.load(run_dir), read_metrics(run_dir)
+    config = RunConfig.load(run_dir)
+    metrics = read_metrics(run_dir, len(config.trainings))
     seeds, points = columns_of(config, metrics) | dict(evaluation), curve(config, metrics)
     told = dict(about) | {"hours": round(minutes_of(metrics) / 60, 2)}
     beside, old = (folder.with_name(f".{folder.name}.{name}") for name in ("new", "old"))

@@ -77,7 +77,7 @@ def draw_sweep(run_dir: Path, config: RunConfig) -> list[list[str]]:
     Returns:
       The table, as `table` gives it.
     """
-    results = rank(read_metrics(run_dir), config)
+    results = rank(read_metrics(run_dir, len(config.trainings)), config)
     rows, best = table(results), results[0]
     tables.save(rows, run_dir, SWEEP)
     title, algorithm = f"{config.title}, {label(best.swept)}", config.algo["name"]

@@ -100,7 +100,8 @@ def _of_metrics(target: str, configs: dict[Path, RunConfig], seed: int | None) -
     runs, switches = {}, {}
     for run_dir, config in configs.items():
         (place, *_) = places(config, config.seed if seed is None else seed)
-        metrics = {name: x[place : place + 1] for name, x in read_metrics(run_dir).items()}
+        everyone = read_metrics(run_dir, len(config.trainings))
+        metrics = {name: x[place : place + 1] for name, x in everyone.items()}
         name = f"{config.title}, seed {config.trainings[place].seed}"
         name = f"{name} ({run_dir})" if name in runs else name
         runs[name], switches[name] = metrics, config.switch_at

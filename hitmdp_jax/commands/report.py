@@ -145,7 +145,9 @@ def _median(run_dir: Path, config: RunConfig) -> int:
     from hitmdp_jax.analysis.figures import read_metrics
     from hitmdp_jax.analysis.sweeps import rank
 
-    metrics = read_metrics(run_dir) if (run_dir / folder.METRICS).is_file() else {}
+    if not (run_dir / folder.METRICS).is_file():
+        return 0
+    metrics = read_metrics(run_dir, len(config.trainings))
     if not metrics:
         return 0
     returns = final_returns(metrics, config.switch_at)

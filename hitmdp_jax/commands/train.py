@@ -101,7 +101,7 @@ def final_return(run_dir: Path, config: RunConfig) -> float:
     from hitmdp_jax.analysis.figures import read_metrics
     from hitmdp_jax.analysis.sweeps import rank
 
-    return rank(read_metrics(run_dir), config)[0].iqm
+    return rank(read_metrics(run_dir, len(config.trainings)), config)[0].iqm
 
 
 def _short(override: str) -> str:
@@ -206,7 +206,7 @@ def _run(run: Run, run_dir: Path, resume: bool, report: bool) -> int:
     try:
         if config.sweep:
             tables.show(draw_sweep(run_dir, config)[: 1 + SHOWN])
-        elif metrics := read_metrics(run_dir):
+        elif metrics := read_metrics(run_dir, len(config.trainings)):
             name, score = headline(metrics, config.switch_at)
             print(f"{name.capitalize()}: {score}.")
             draw_figures(run_dir, config.title, config.algo["name"], config.switch_at)

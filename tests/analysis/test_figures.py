@@ -13,6 +13,7 @@ from hitmdp_jax.analysis.figures import (
     window_sum,
 )
 from hitmdp_jax.analysis.option_figures import figure6, figure8
+from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.sinks import CsvSink
 from tests.probes import trainings
 
@@ -45,6 +46,19 @@ def test_a_killed_run_is_read_up_to_its_last_whole_iteration(tmp_path):
         path.write_bytes(text + torn)
         assert read_metrics(tmp_path)["iteration"].shape == (2, 30)
     assert draw_figures(tmp_path, "a run", "mopg")
+
+
+def test_a_run_that_lost_a_training_is_not_read_as_another(tmp_path):
+    """Whose places would be taken for those of the trainings that are left."""
+    write_run(tmp_path)
+    path = tmp_path / "metrics.csv"
+    header, *rows = path.read_text().splitlines(keepends=True)
+    path.write_text(header + "".join(row for row in rows if row.split(",")[2] == "1"))
+    assert read_metrics(tmp_path)["seed"].tolist() == [[1.0] * 30]
+    with pytest.raises(UsageError, match=r"has lost rows: it holds 1 of the run's 2 trainings\."):
+        read_metrics(tmp_path, 2)
+    path.write_text(header + rows[0])  # a run that writes its first report
+    assert read_metrics(tmp_path, 2) == {}
 
 
 @pytest.mark.parametrize("text", ["", "iteration,env_steps,seed", "iteration,env_steps,seed\r\n"])
