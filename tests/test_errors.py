@@ -1,7 +1,9 @@
 import contextlib
+from pathlib import Path
 
 import pytest
 
+import hitmdp_jax
 from hitmdp_jax.errors import (
     UsageError,
     exit_with,
@@ -107,6 +109,12 @@ def test_nothing_that_is_told_commands_a_terminal(trick, capsys):
         (line,) = capsys.readouterr().err.splitlines()
         assert line.isprintable()
     assert printable("naïve, 'x' × \\ 2\t") == "naïve, 'x' × \\ 2\\t"
+
+
+def test_every_warning_is_told_in_one_place():
+    """So that none of them prints the words of somebody else as they are."""
+    sources = Path(hitmdp_jax.__file__).parent.rglob("*.py")
+    assert [p.name for p in sources if "warning: " in p.read_text()] == ["errors.py"]
 
 
 def test_a_mistake_in_a_value_is_a_value_error():

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, TextIO
 
-from hitmdp_jax.errors import UsageError, exit_with
+from hitmdp_jax.errors import UsageError, exit_with, warn
 from hitmdp_jax.training.host import present_cores
 
 # Errors of the machine that name no file, and need no traceback.
@@ -100,7 +100,7 @@ class Output:
             self.failed = True
             os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())  # for what is kept back
             if not isinstance(error, BrokenPipeError):  # who read it has gone, as `head` does
-                print(f"warning: nothing more can be printed: {error.strerror}", file=sys.stderr)
+                warn(f"nothing more can be printed: {error.strerror}")
 
 
 def _opened(stream: TextIO | None) -> TextIO:
@@ -131,6 +131,6 @@ def _check_process() -> None:
 def _say_in_a_line(args: threading.ExceptHookArgs) -> None:
     """Report what ended a thread that writes in the background: a full disk needs no traceback."""
     if isinstance(args.exc_value, OSError):
-        print(f"warning: {args.exc_value}", file=sys.stderr)
+        warn(args.exc_value)
     else:
         threading.__excepthook__(args)

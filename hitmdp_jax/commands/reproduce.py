@@ -44,7 +44,6 @@ of `--setting N` (0).
   clusters      visited states in two dimensions
 """
 
-import sys
 import time
 from pathlib import Path
 
@@ -59,7 +58,7 @@ from hitmdp_jax.commands import figures, suites
 from hitmdp_jax.commands.arms import named, train_arms, without_folder
 from hitmdp_jax.commands.guard import dispatched
 from hitmdp_jax.commands.settings import Settings, folder_setting
-from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
+from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name, warn
 from hitmdp_jax.plugins import label
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import made
@@ -97,7 +96,7 @@ def run_comparison(arguments: list[str]) -> int:
     parameters = {algo: count_parameters(run_dir) for algo, run_dir in run_dirs.items()}
     results = compare(run_dirs, parameters, config.switch_at)
     if warning := length_warning({result.algo: result.env_steps for result in results}):
-        print(f"warning: {warning}", file=sys.stderr)
+        warn(warning)
     rows = table(results)
     tables.save(rows, folder, "comparison")
     figure = comparison_figure(run_dirs, config.task_title, config.switch_at)

@@ -10,7 +10,6 @@ that the study names and that no command line of yours has named before.
 """
 
 import dataclasses
-import sys
 import time
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from hitmdp_jax.analysis.figures import read_metrics
 from hitmdp_jax.commands.arms import configs_of, last_of_each, train_arms, without_folder
 from hitmdp_jax.commands.guard import dispatched
 from hitmdp_jax.commands.settings import Settings, folder_setting, writable
-from hitmdp_jax.errors import UsageError, unknown_name
+from hitmdp_jax.errors import UsageError, unknown_name, warn
 from hitmdp_jax.reading import read_yaml
 from hitmdp_jax.training.config import trust_named
 from hitmdp_jax.training.folder import made
@@ -71,7 +70,7 @@ def _run(name: str, rest: list[str]) -> int:
     switches = {arm: config.switch_at for arm, config in configs.items()}
     results = ablation.measure(runs, switches, study.control)
     if warning := length_warning({arm.name: arm.env_steps for arm in results}):
-        print(f"warning: {warning}", file=sys.stderr)
+        warn(warning)
     rows = ablation.table(results)
     tables.save(rows, folder, "study")
     tables.show(rows)

@@ -24,7 +24,7 @@ from hitmdp_jax.commands.settings import (
     run_config,
 )
 from hitmdp_jax.commands.tensorboard import OptionFigures
-from hitmdp_jax.errors import UsageError, exit_with, nearest, unknown_name
+from hitmdp_jax.errors import UsageError, exit_with, nearest, unknown_name, warn
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import saved_iterations
 from hitmdp_jax.training.claim import RUNS, already_there, claim, is_finished, newest
@@ -212,7 +212,7 @@ def _run(run: Run, run_dir: Path, resume: bool, report: bool) -> int:
             draw_figures(run_dir, config.title, config.algo["name"], config.switch_at)
     except (OSError, UsageError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
-        print(f"warning: the figures could not be drawn: {reason}", file=sys.stderr)
+        warn(f"the figures could not be drawn: {reason}")
     for training, (iteration, cause) in outcome.diverged.items():
         print(
             f"{training.name} diverged at iteration {iteration}, when its {cause} ceased to be "
@@ -228,7 +228,7 @@ def _run(run: Run, run_dir: Path, resume: bool, report: bool) -> int:
         try:
             write(run_dir, config)
         except (UsageError, OSError) as error:
-            print(f"warning: the report could not be written: {error}", file=sys.stderr)
+            warn(f"the report could not be written: {error}")
     return DIVERGED if outcome.diverged else 0
 
 

@@ -23,7 +23,7 @@ from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from hitmdp_jax.errors import UsageError, out_of_domain
+from hitmdp_jax.errors import UsageError, out_of_domain, warn
 from hitmdp_jax.training.interrupt import StopRequest
 
 ADDRESS = "JAX_COORDINATOR_ADDRESS"
@@ -208,7 +208,7 @@ def ending_together() -> Iterator[None]:
             raise
         if isinstance(error, jax.errors.JaxRuntimeError):
             reason = (str(error).strip().splitlines() or ["no reason given"])[0]
-            print(f"\nwarning: computing with other processes failed: {reason}", file=sys.stderr)
+            warn(f"computing with other processes failed: {reason}")
         else:
             traceback.print_exc()
         sys.stdout.flush()
