@@ -22,6 +22,7 @@ Targets:
   results  writes docs/results.md from what is published, and draws it (`results=`, `page=`: other
            places)
   curves   draws all published curves, seeds and profiles on one page, results.html
+           `--trust` runs the files of tasks and algorithms that published settings name.
 
 Figures of a trained run: `python -m hitmdp_jax.reproduce FIGURE RUN_DIR` writes it into
 RUN_DIR/figures/. `--seed N` picks one of the run's seeds, its first otherwise; where a figure shows

@@ -1,5 +1,6 @@
 """The paper's tables, and other fixed sets of runs: trained, published, and told of on one page."""
 
+import contextlib
 import datetime
 import functools
 import json
@@ -23,7 +24,7 @@ from hitmdp_jax.commands.arms import configs_of, last_of_each, named, train_arms
 from hitmdp_jax.commands.settings import writable
 from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.folder import write
+from hitmdp_jax.training.folder import CONFIG, write
 from hitmdp_jax.training.policy import extract
 from hitmdp_jax.training.provenance import made_with
 
@@ -32,6 +33,7 @@ RUNS = Path("runs/results")
 CHOICE_EPISODES = 8
 # What a suite's command line names beside the settings of train.py.
 OWN = {"tasks": "all", "arms": "all", "results": "results", "page": "docs/results.md"}
+TRUST = "--trust"
 
 
 def names() -> list[str]:
@@ -60,7 +62,7 @@ def run_suite(name: str, arguments: Sequence[str]) -> int:
     suite, (own, settings) = read(name), _own(arguments)
     tasks = _chosen("task", own["tasks"], suite.tasks)
     arms = _chosen("arm", own["arms"], suite.arms)
-    folder, path = _checked(own["results"], own["page"])
+    folder, path = _checked(own["results"], own["page"], TRUST in arguments)
     commands = {
         f"{task}/{arm}": last_of_each([*suite.settings_of(task, arm), *settings])
         for task in tasks
@@ -166,14 +168,20 @@ def _places(arguments: Sequence[str], page: str) -> tuple[Path, Path]:
     """
     given = {"results": OWN["results"], "page": page}
     for text in arguments:
-        if text.split("=", 1)[0] not in given:
+        if text.split("=", 1)[0] not in (*given, TRUST):
             raise unknown_name("setting", text.split("=", 1)[0], given)
     given |= named(arguments)
-    return _checked(given["results"], given["page"])
+    return _checked(given["results"], given["page"], TRUST in arguments)
 
 
-def _checked(folder: str, page: str) -> tuple[Path, Path]:
-    """Return the two as paths; Raises UsageError where they cannot be written, before hours."""
+def _checked(folder: str, page: str, trust: bool) -> tuple[Path, Path]:
+    """Return the two as paths; Raises UsageError where they cannot be written, before hours.
+
+    With `trust`, the files that the published settings name may be run from now on.
+    """
+    for path in Path(folder).rglob(CONFIG) if trust else ():
+        with contextlib.suppress(UsageError):  # which whatever reads it raises again
+            RunConfig.load(path.parent, trust=True)
     return writable("results", Path(folder), "table1.png"), writable("page", Path(page))
 
 
@@ -216,7 +224,7 @@ def _evaluate(run_dir: Path, *flags: str) -> list[dict[str, float]]:
 def _own(arguments: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     """Return a suite's own settings, and the other arguments."""
     given = named(arguments)
-    rest = [text for text in arguments if text.split("=", 1)[0] not in OWN]
+    rest = [text for text in arguments if text.split("=", 1)[0] not in (*OWN, TRUST)]
     return {name: given.get(name, default) for name, default in OWN.items()}, rest
 
 
