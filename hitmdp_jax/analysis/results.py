@@ -5,6 +5,7 @@ A cell is what one algorithm's seeds did on one task, a folder `results/<task>/<
   seeds.csv    one row a training: its final returns, evaluation and use of options
   curve.csv    its training return at `POINTS` points
   about.yaml   the command, the day, versions, hours
+and, where it has them, `options_used.png` of a sweep and `policy`, the best seed's.
 """
 
 import csv
@@ -29,7 +30,7 @@ from hitmdp_jax.training.folder import CONFIG, write
 POINTS = 100  # of a published curve
 EPISODES = 20  # over which the paper's curves are averaged (App. B), and those of an evaluation
 SEEDS, CURVE, ABOUT = "seeds.csv", "curve.csv", "about.yaml"
-DRAWING = "options_used.png"  # of a sweep
+DRAWING, POLICY = "options_used.png", "policy"
 BOTH = "; "  # between what is told of two runs that share a cell
 
 Columns = dict[str, np.ndarray]  # by name, [R] each

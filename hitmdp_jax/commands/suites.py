@@ -137,8 +137,8 @@ def publish_more(run_dir: Path, folder: Path, with_policy: bool) -> None:
         best = cell.config.trainings[int(np.nanargmax(cell.seeds["evaluation"]))]
         # Otherwise it is one of the seeds that were published before, as is its policy.
         if best in RunConfig.load(run_dir).trainings:
-            shutil.rmtree(folder / "policy", ignore_errors=True)
-            extract(run_dir, folder / "policy", best.seed, setting=best.setting)
+            shutil.rmtree(folder / results.POLICY, ignore_errors=True)
+            extract(run_dir, folder / results.POLICY, best.seed, setting=best.setting)
 
 
 def report(arguments: Sequence[str]) -> int:
