@@ -12,7 +12,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from hitmdp_jax.training.checkpoint import saved_iterations
-from tests.commands.conftest import QUICK, rows_of, wait_for_rows
+from tests.commands.conftest import CHECKOUT, QUICK, rows_of, wait_for_rows
 from tests.commands.test_train import assert_same_run
 
 KILLS = 20
@@ -130,3 +130,11 @@ def test_what_is_killed_before_its_first_checkpoint_starts_again(start, command,
     result = command("train", f"resume={run_dir}", "report=false")
     assert result.returncode == 0, result.stderr
     assert len(rows_of(run_dir)) == 2
+
+
+def test_every_promise_names_the_tests_that_hold_it():
+    lines = (CHECKOUT / "docs/reliability.md").read_text().splitlines()
+    for row in [line for line in lines if line.startswith("| ")][2:]:
+        told = row.split("|")[-2].removesuffix(", slow ").strip()
+        for name in told.split(", "):
+            assert list((CHECKOUT / "tests").rglob(name.strip("`").removeprefix("tests/"))), row
