@@ -97,7 +97,8 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
             os.fsync(file.fileno())
             os.replace(beside, path)
     except BaseException as error:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):  # where nothing may be written, nothing may be removed
+            beside.unlink()
         if isinstance(error, OSError) and error.errno:
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise

@@ -136,7 +136,7 @@ def test_a_file_is_the_old_or_the_new_one_wherever_its_writer_ends(
 
     where = {"open": (Path, "open"), "fsync": (os, "fsync"), "replace": (os, "replace")}
 
-    def full(*args):
+    def full(*args, **kwargs):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     def write():
@@ -154,12 +154,13 @@ def test_a_file_is_the_old_or_the_new_one_wherever_its_writer_ends(
             write()
         assert raised.value.filename == str(path)
     assert [p.name for p in tmp_path.iterdir()] == (["file"] if old else [])
-    with monkeypatch.context() as patch:  # killed: the writer's own cleaning is not done either
-        patch.setattr(Path, "unlink", lambda *args, **kwargs: None)
+    with monkeypatch.context() as patch:  # killed, or read-only: no cleaning is done either
+        patch.setattr(Path, "unlink", full)
         if step in where:
             patch.setattr(*where[step], full)
-        with pytest.raises(OSError, match="No space left"):
+        with pytest.raises(OSError, match="No space left") as raised:
             write()
+        assert raised.value.filename == str(path)
     assert (path.read_text() if path.exists() else None) == old
     folder.write(path, "new")
     assert path.read_text() == "new"
