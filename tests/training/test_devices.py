@@ -7,6 +7,7 @@ import sys
 import jax
 import numpy as np
 import pytest
+from flax import struct
 
 from hitmdp_jax.envs.physics import native
 from hitmdp_jax.errors import UsageError
@@ -14,7 +15,7 @@ from hitmdp_jax.mesh import DATA, TRIAL
 from hitmdp_jax.training import devices
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.devices import chunk_size, make_mesh, num_shards, place
+from hitmdp_jax.training.devices import chunk_size, make_mesh, num_shards, place, spread
 from hitmdp_jax.training.run import Run
 from tests.probes import QUICK
 
@@ -72,33 +73,38 @@ def after_an_iteration(run, init, step):
     return jax.device_get(run.own((state, metrics)))
 
 
-def test_seeds_on_two_devices_equal_seeds_on_one():
-    """Three seeds, which two devices do not divide, and each of them alone."""
-    run, alone = Run.create(config(seeds=3)), Run.create(config())
-    assert [x.mesh.size for x in (run, alone)] == [2, 1]
+@pytest.fixture(scope="module")
+def alone():
+    """Three trainings after an iteration, each alone on one device."""
+    run = Run.create(config())
+    assert run.mesh.size == 1
+    program = run.programs(0)
+    runs = [dataclasses.replace(run, config=config(seed=seed)) for seed in range(3)]
+    results = [after_an_iteration(one, *program) for one in runs]
+    return jax.tree.map(lambda *x: np.concatenate(x), *results)
+
+
+def assert_alike(some, all_of_them):
+    """Check that some trainings are the first ones of all of them."""
+    for x, y in zip(jax.tree.leaves(some), jax.tree.leaves(all_of_them), strict=True):
+        np.testing.assert_allclose(x, y[: len(x)], rtol=1e-3, atol=1e-5)
+
+
+SIZES = [devices.SIDE_BY_SIDE, pytest.param(1, marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("side_by_side", SIZES)
+def test_seeds_on_two_devices_equal_each_alone(side_by_side, alone, monkeypatch):
+    """Three seeds, which two devices do not divide; a device's two at once, or one by one."""
+    monkeypatch.setattr(devices, "SIDE_BY_SIDE", side_by_side)
+    run = Run.create(config(seeds=3))
+    assert run.mesh.size == 2
     together = after_an_iteration(run, *run.programs(0))
     assert len(together[1]["action_kl"]) == 3
-    program = alone.programs(0)
-    for seed in range(3):
-        one = after_an_iteration(dataclasses.replace(alone, config=config(seed=seed)), *program)
-        here = jax.tree.map(lambda x, i=seed: x[i : i + 1], together)
-        assert_alike(here, one)
+    assert_alike(together, alone)
 
 
-def assert_alike(one, other):
-    for x, y in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
-        np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-5)
-
-
-@pytest.fixture(scope="module")
-def on_one_device():
-    """Two trainings after an iteration on one device."""
-    run = Run.create(config(seeds=2))
-    run = dataclasses.replace(run, mesh=make_mesh(1))
-    return after_an_iteration(run, *run.programs(0))
-
-
-def test_environments_on_two_devices_equal_environments_on_one(on_one_device, monkeypatch):
+def test_environments_on_two_devices_equal_environments_on_one(alone, monkeypatch):
     """State, parameters, normaliser and metrics; and each device steps its own half."""
     whole, rows_seen = native._Pool.run, set()
 
@@ -108,17 +114,21 @@ def test_environments_on_two_devices_equal_environments_on_one(on_one_device, mo
 
     monkeypatch.setattr(native._Pool, "run", watched)
     run = Run.create(config(seeds=2, data_devices=2))
-    assert_alike(after_an_iteration(run, *run.programs(0)), on_one_device)
+    together = after_an_iteration(run, *run.programs(0))
+    assert len(together[1]["action_kl"]) == 2
+    assert_alike(together, alone)
     assert {16, 32} & rows_seen == {16}  # eight environments of each training, not all sixteen
 
 
-def test_four_devices_equal_one(on_one_device, tmp_path):
+@pytest.mark.slow
+def test_four_devices_equal_one(alone, tmp_path):
+    """Seeds and their environments at once; the two tests above spread one of them each."""
     cache = {"JAX_COMPILATION_CACHE_DIR": jax.config.jax_compilation_cache_dir, "NPROC": "4"}
     command = [sys.executable, "-c", FOUR_DEVICES, str(tmp_path / "result")]
     out = subprocess.run(command, env=os.environ | cache, capture_output=True, text=True)
     assert out.returncode == 0, out.stderr
     result, rows = pickle.loads((tmp_path / "result").read_bytes())
-    assert_alike(result, on_one_device)
+    assert_alike(result, alone)
     assert {8, 16} & set(rows) == {8}
 
 
@@ -127,9 +137,29 @@ def test_chunks_are_of_one_size(trainings, size):
     assert chunk_size(trainings) == size
 
 
-def test_seeds_in_chunks_equal_seeds_side_by_side(monkeypatch):
-    run = Run.create(config(seeds=4))  # two on each of two devices
-    together = after_an_iteration(run, *run.programs(0))
-    monkeypatch.setattr(devices, "SIDE_BY_SIDE", 1)
-    one_by_one = after_an_iteration(run, *run.programs(0))
-    assert_alike(together, one_by_one)
+class Walk(struct.PyTreeNode):
+    """What `spread` needs of a state: trainings that differ in every iteration."""
+
+    iteration: jax.Array
+    place: jax.Array
+
+
+def walk_on(state):
+    key = jax.random.fold_in(jax.random.key(0), state.iteration)
+    place = state.place * jax.random.normal(key)
+    return Walk(state.iteration + 1, place), {"place": place}
+
+
+@pytest.mark.parametrize("seeds", [3, 6])
+def test_trainings_in_chunks_equal_trainings_side_by_side(seeds, monkeypatch):
+    """Also of real ones, in a slow case of the test of seeds."""
+    mesh, together = make_mesh(seeds), {}
+    begun = place(Walk(np.arange(seeds), np.linspace(1, 2, seeds, dtype=np.float32)), mesh)
+    for size in (8, 1):
+        monkeypatch.setattr(devices, "SIDE_BY_SIDE", size)
+        together[size] = spread(lambda key, more: begun, walk_on, mesh)[1](begun)
+    jax.tree.map(np.testing.assert_array_equal, together[8], together[1])
+    expected = [walk_on(jax.tree.map(lambda x, i=i: x[i], begun)) for i in range(seeds)]
+    for i, one in enumerate(expected):
+        here = jax.tree.map(lambda x, i=i: x[i], together[1])
+        jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-6), here, one)
