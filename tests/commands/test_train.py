@@ -303,9 +303,9 @@ def test_a_run_whose_last_checkpoint_is_torn_is_not_finished(command, tmp_path):
     settings = (*QUICK, "total_steps=4096", "checkpoint_steps=2048", f"run_dir={run_dir}")
     assert command("train", *settings).returncode == 0
     whole = shutil.copytree(run_dir, tmp_path / "whole")
-    files = [p for p in (run_dir / "checkpoints" / "2" / "state").rglob("*") if p.is_file()]
-    largest = max(files, key=lambda path: path.stat().st_size)
-    largest.write_bytes(largest.read_bytes()[:-100])
+    for path in (run_dir / "checkpoints" / "2" / "state").rglob("*"):
+        if path.is_file():  # which of its last bytes are read depends on the order of writing
+            path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     result = command("train", f"resume={run_dir}", "report=false")
     assert result.returncode == 0, result.stderr
     assert result.stderr.count("checkpoint of iteration 2") == 1
