@@ -6,15 +6,34 @@ from typing import Any
 
 import numpy as np
 
-from hitmdp_jax.errors import UsageError
+from hitmdp_jax.errors import UsageError, out_of_domain
 
-MACHINES = 16  # as much memory as this machine's accelerators may have beside its own
+MACHINES = 16  # as much memory as accelerators may have that are not known yet
 MOST = 2**31 - 1  # whole numbers that shape a program are int32
 
 
 def is_positive_whole(x: Any) -> bool:
     """Return whether a value is a whole number from 1."""
     return isinstance(x, int) and not isinstance(x, bool) and x > 0
+
+
+def fault_of_whole(values: tuple[Any, ...], wanted: str, most: float = MOST) -> str:
+    """Return what positive whole numbers should have been, or nothing where they are valid."""
+    if not all(map(is_positive_whole, values)):
+        return wanted
+    return f"{wanted}, at most {most:,}" if max(values) > most else ""
+
+
+def check_size(name: str, size: Any, most: float = math.inf) -> None:
+    """Raise UsageError where a size is not a positive whole number, or more than `most`."""
+    if wanted := fault_of_whole((size,), "a positive whole number", most):
+        raise out_of_domain(name, size, wanted)
+
+
+def divisor_below(number: int, most: int) -> int:
+    """Return the largest divisor of a number that is not above `most`."""
+    small = (d for d in range(1, min(most, math.isqrt(number)) + 1) if number % d == 0)
+    return max(x for d in small for x in (d, number // d) if x <= most)
 
 
 def in_float32(x: Any) -> float:
@@ -28,23 +47,23 @@ def memory() -> int:
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
-def check_memory(parts: dict[str, int]) -> None:
+def check_memory(parts: dict[str, int], available: int | None = None) -> None:
     """Reject what cannot fit into memory, before anything of it is made.
-
-    Accelerators and further processes, of which nothing is known yet, bring memory of their own.
 
     Args:
       parts: the settings that make a part of what is needed -> its bytes, at the least.
+      available: bytes; None takes what this machine has, and `MACHINES` times as much where
+        accelerators and further processes, of which nothing is known yet, may bring their own.
 
     Raises:
       UsageError: the parts are more than what is available; names the largest.
     """
-    needed = sum(parts.values())
-    if needed > MACHINES * memory():
+    needed, has = sum(parts.values()), memory() if available is None else available
+    if needed > (has if available is not None else MACHINES * has):
         largest = max(parts, key=lambda name: parts[name])
         raise UsageError(
             f"That takes at least {_told(needed)} of memory, most of it for {largest}, and this "
-            f"machine has {_told(memory())}: lower them."
+            f"machine has {_told(has)}: lower them."
         )
 
 

@@ -8,7 +8,7 @@ from typing import Any, Self, dataclass_transform
 import jax
 from flax import struct
 
-from hitmdp_jax.checks import MOST, in_float32, is_positive_whole
+from hitmdp_jax.checks import fault_of_whole, in_float32
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.rollout import Batch
@@ -55,10 +55,10 @@ def check_hyperparameters(agent: Any) -> None:
         elif isinstance(default, float):
             wanted = _fault_of_number(value, **_limits(field))
         elif isinstance(default, int):
-            wanted = _fault_of_whole((value,), "a positive whole number")
+            wanted = fault_of_whole((value,), "a positive whole number")
         elif isinstance(default, tuple):
             values = value if isinstance(value, tuple) and value else (None,)
-            wanted = _fault_of_whole(values, "a list of positive whole numbers")
+            wanted = fault_of_whole(values, "a list of positive whole numbers")
         if wanted:
             raise out_of_domain(
                 field.name, list(value) if isinstance(value, tuple) else value, wanted
@@ -82,13 +82,6 @@ def _fault_of_number(value: Any, low: float, high: float, infinite: bool, positi
     if math.isinf(in_float32(value)) and not math.isinf(value):
         return f"{wanted}, at most 3.4e+38"
     return wanted if positive and in_float32(value) == 0 else ""
-
-
-def _fault_of_whole(values: tuple[Any, ...], wanted: str) -> str:
-    """Return what whole numbers should have been, or nothing where they are valid."""
-    if not all(map(is_positive_whole, values)):
-        return wanted
-    return f"{wanted}, at most {MOST:,}" if max(values) > MOST else ""
 
 
 class LearnerState(struct.PyTreeNode):

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import optax
 
 from hitmdp_jax.agents.base import Agent, LearnerState, static, traced
+from hitmdp_jax.checks import divisor_below
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.advantages import discounted_returns, generalized_advantages, spread
 from hitmdp_jax.learning.metrics import Metrics
@@ -72,7 +73,7 @@ class ClippedAgent(GradientAgent):
         """Reject a number of samples that minibatches do not divide."""
         size = self.minibatch_size
         if num_samples % size:
-            near = max(d for d in range(1, min(size, num_samples) + 1) if num_samples % d == 0)
+            near = divisor_below(num_samples, size)
             raise UsageError(
                 f"{spelled} = {num_samples} is not divisible by minibatch_size = {size}; "
                 f"the nearest size below that divides it is {near}."

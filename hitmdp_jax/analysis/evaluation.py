@@ -45,6 +45,15 @@ def check_request(engine: str, episodes: int) -> None:
     """
     if engine not in ENGINES:
         raise unknown_name("engine", str(engine), ENGINES)
+    check_episodes(episodes)
+
+
+def check_episodes(episodes: int) -> None:
+    """Check that so many episodes side by side can be: their keys and their totals fit somewhere.
+
+    Raises:
+      UsageError: episodes is not a positive whole number, or more than memory holds.
+    """
     check_memory({"episodes": 24 * whole_number("episodes", episodes, at_least=1)})
 
 

@@ -11,13 +11,12 @@ from hitmdp_jax.analysis import options
 from hitmdp_jax.analysis.causal import Interventions, divergence, intervene
 from hitmdp_jax.analysis.clusters import Projection, project
 from hitmdp_jax.analysis.directed import number_of_options
-from hitmdp_jax.analysis.evaluation import check_fit
+from hitmdp_jax.analysis.evaluation import check_episodes, check_fit
 from hitmdp_jax.analysis.names import Names, names_of
 from hitmdp_jax.analysis.perturbation import Perturbation, embeddings, perturb
 from hitmdp_jax.analysis.states import States, attention, terminations, visited
 from hitmdp_jax.analysis.trajectories import Trajectories, record
 from hitmdp_jax.envs.base import MujocoEnv
-from hitmdp_jax.training.config import whole_number
 from hitmdp_jax.training.policy import Policy
 
 DECODED_STATES = 256  # states in which perturbed options are decoded
@@ -49,7 +48,7 @@ class Insight:
 
     def __post_init__(self) -> None:
         number_of_options(self.policy.agent)
-        whole_number("episodes", self.episodes, at_least=1)
+        check_episodes(self.episodes)
         check_fit(self.policy, self.env)
 
     @property

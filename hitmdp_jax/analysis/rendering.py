@@ -12,6 +12,7 @@ import numpy as np
 from mujoco.rendering.classic import gl_context
 from numpy.typing import ArrayLike
 
+from hitmdp_jax.checks import check_size
 from hitmdp_jax.errors import UsageError
 
 BACKENDS = ("egl", "osmesa")  # of MuJoCo that need no display, in the order in which they are tried
@@ -21,6 +22,7 @@ SIZE = (640, 480)  # pixels, width and height
 LEFT_OUT = ("mjRND_SHADOW", "mjRND_REFLECTION", "mjRND_HAZE")
 SAMPLES = 0  # of anti-aliasing
 
+MOST_PIXELS = 2**15  # of a side, more than libraries of graphics draw
 DISTANCE = 0.8  # of a free camera, in diagonals of what it sees
 
 
@@ -32,10 +34,12 @@ class Painter:
       size: width and height of a picture, pixels.
 
     Raises:
-      UsageError: nothing can be drawn on this machine.
+      UsageError: nothing can be drawn on this machine, or not in that size.
     """
 
     def __init__(self, model: mujoco.MjModel, size: tuple[int, int] = SIZE):
+        for side, pixels in zip(("width", "height"), size, strict=True):
+            check_size(side, pixels, MOST_PIXELS)
         draw_without_display()
         model = copy.copy(model)
         screen, (width, height) = model.vis.global_, size

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from hitmdp_jax.analysis import embedding_figures, insight_figures, option_figures, tables, video
 from hitmdp_jax.analysis.causal import WITHOUT_EACH_OPTION, table
 from hitmdp_jax.analysis.directed import number_of_options
+from hitmdp_jax.analysis.evaluation import check_episodes
 from hitmdp_jax.analysis.figures import read_metrics, save
 from hitmdp_jax.analysis.insight import Insight
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
@@ -18,7 +19,7 @@ from hitmdp_jax.commands.policies import add_choice, load_chosen
 from hitmdp_jax.commands.settings import Parser
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError, warn
-from hitmdp_jax.training.config import RunConfig, whole_number
+from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import FIGURES, subfolder
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.policy import places
@@ -65,7 +66,7 @@ def insight_of(options: argparse.Namespace) -> Insight:
     """
     config = RunConfig.load(options.run_dir, options.trust)
     number = number_of_options(config.make_agent())
-    whole_number("episodes", options.episodes, at_least=1)
+    check_episodes(options.episodes)
     if not config.tasks:
         raise UsageError(f"'{options.run_dir}' was saved from Python and names no task.")
     set_up_host(config.physics, options.episodes * (number + WITHOUT_EACH_OPTION))

@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from hitmdp_jax.analysis.evaluation import check_episodes
 from hitmdp_jax.analysis.trajectories import Trajectories, record
 from hitmdp_jax.commands.command_line import command_line
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
@@ -20,7 +21,7 @@ from hitmdp_jax.commands.settings import Parser, writable
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training import folder
-from hitmdp_jax.training.config import RunConfig, whole_number
+from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.policy import Policy, load_all, places
 
@@ -43,7 +44,7 @@ def _main() -> None:
     parser.add_argument("--seed", type=int, default=None, help="whose options; the median seed's")
     parser.add_argument("--episodes", type=int, default=EPISODES, help=f"recorded ({EPISODES})")
     options = parser.parse_args()
-    whole_number("episodes", options.episodes, at_least=1)
+    check_episodes(options.episodes)
     configs = {run_dir: RunConfig.load(run_dir, options.trust) for run_dir in options.run_dirs}
     if options.out is not None:
         writable("--out", options.out)

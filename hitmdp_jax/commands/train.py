@@ -114,8 +114,12 @@ def _short(override: str) -> str:
 def _sweep_folder(settings: Settings) -> Path:
     """Return the folder of a sweep, having checked every job before the first one starts."""
     jobs = [settings.values(job) for job in settings.jobs()]
+    elsewhere = any(o.startswith("hydra/launcher") for o in settings.overrides)
     for values in jobs:
-        run_config(values).check_installed()
+        config = run_config(values)
+        config.check_installed()
+        if not elsewhere:
+            config.check_memory()
         for flag in ("overwrite", "report", "distributed", "trust"):
             flag_setting(values, flag)
         if values["distributed"]:

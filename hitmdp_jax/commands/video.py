@@ -15,9 +15,8 @@ from typing import Any
 import jax
 
 from hitmdp_jax import plugins
-from hitmdp_jax.analysis.evaluation import check_fit
+from hitmdp_jax.analysis.evaluation import check_episodes, check_fit
 from hitmdp_jax.analysis.trajectories import record
-from hitmdp_jax.checks import check_memory
 from hitmdp_jax.commands.evaluate import SEED_OFFSET
 from hitmdp_jax.commands.guard import guarded
 from hitmdp_jax.commands.policies import add_choice, load_chosen
@@ -27,7 +26,7 @@ from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.training.checkpoint import Checkpoints, Progress
-from hitmdp_jax.training.config import RunConfig, whole_number
+from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.folder import CONFIG, VIDEOS, made, subfolder, write
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.interrupt import StopRequest
@@ -55,7 +54,7 @@ def _main() -> None:
         "--tensorboard", action="store_true", help="events of both beside the video"
     )
     options = parser.parse_args()
-    check_memory({"episodes": 24 * whole_number("episodes", options.episodes, at_least=1)})
+    check_episodes(options.episodes)
     config = RunConfig.load(options.run_dir, options.trust)
     engine = config.physics if options.engine is None else options.engine
     find_engine(engine).check()

@@ -6,7 +6,8 @@ from typing import Any
 
 from brax.envs.base import Env
 
-from hitmdp_jax.envs.action_repeat import ActionRepeat, check_action_repeat
+from hitmdp_jax.checks import MOST, check_size
+from hitmdp_jax.envs.action_repeat import ActionRepeat
 from hitmdp_jax.envs.brax_tasks import BRAX, brax_task, check_engine
 from hitmdp_jax.envs.contract import check_task
 from hitmdp_jax.envs.dmc.suite import require_suite
@@ -138,7 +139,7 @@ def check_env(
     """
     if not isinstance(name, str):
         raise out_of_domain("env", repr(name), "the name of an environment, such as 'halfcheetah'")
-    check_action_repeat(action_repeat)
+    check_size("action_repeat", action_repeat, MOST)  # control steps are counted in int32
     if name.startswith(BRAX):
         return brax_task(name, **task_kwargs)
     if name in _REGISTRY:

@@ -1,12 +1,8 @@
 """Holding each action for several control steps: temporal abstraction without options."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from brax.envs.base import Env, State, Wrapper
-
-from hitmdp_jax.errors import out_of_domain
 
 EPISODE_LENGTH = 1000  # control steps: the time limit of tasks that state none
 CLOCK = "control_steps"  # in `State.info`, of the episode so far
@@ -79,13 +75,6 @@ class ActionRepeat(Wrapper):
     def dt(self) -> float:
         """Seconds for which an action is held."""
         return self.action_repeat * self.env.dt  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def check_action_repeat(action_repeat: Any) -> None:
-    """Raise UsageError where a number of control steps to hold an action for is none."""
-    whole = isinstance(action_repeat, int) and not isinstance(action_repeat, bool)
-    if not whole or action_repeat < 1:
-        raise out_of_domain("action_repeat", action_repeat, "a positive whole number")
 
 
 def action_repeat_of(env: Env) -> int:

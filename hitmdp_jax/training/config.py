@@ -2,18 +2,18 @@
 
 import dataclasses
 import functools
-import itertools
 import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import yaml
 
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import Agent, find_agent
-from hitmdp_jax.checks import check_memory
+from hitmdp_jax.checks import check_memory, divisor_below
 from hitmdp_jax.envs import check_engine, check_env, check_installed
 from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.envs.physics import find_engine
@@ -125,31 +125,42 @@ class RunConfig:
             config.make_agent(setting)
         return config
 
-    def check_memory(self) -> None:
-        """Check that what the run cannot do without can fit into memory, before anything is made.
+    def check_memory(
+        self, sizes: tuple[int, int] | None = None, at_once: int = 1, available: int | None = None
+    ) -> None:
+        """Check that what a run must hold at once can fit into memory, before any of it is made.
 
-        Counted are a number of 4 bytes for each step of the rollouts and three a parameter, Adam's.
+        The estimate is a lower bound. It counts the parameters, the optimiser and the pool's
+        rewards of each training, and the observations, actions and rewards of the rollouts. The
+        state of the physics is left out, for its shapes take up to half a minute to find.
+
+        `Run.create` checks once it knows the tasks and the devices. A run of 1e9 trainings never
+        gets so far, and no job of a sweep may wait for it: they are checked before, with a task as
+        small as can be and memory that may be an accelerator's.
+
+        Args:
+          sizes: of the task's observations and actions; None while they are not known.
+          at_once: trainings whose rollouts are held at once.
+          available: as `checks.check_memory`.
 
         Raises:
           UsageError: it cannot fit; names the settings that need most.
         """
         settings = self.samples or math.prod(len(x) for x in (self.sweep or {}).values())
         trainings, agent = self.seeds * settings, self.make_agent()
-        options = getattr(agent, "num_options", 1)
-        sizes = [1, *getattr(agent, "hidden_sizes", ()), 1]
-        weights = sum(a * b for a, b in itertools.pairwise(sizes))
-        rollout = self.num_envs * self.rollout_length
+        steps = self.num_envs * self.rollout_length
+        learner, known = 0, sizes or (1, 1)
+        if sizes or not plugins.is_own(self.algo["name"]):  # which may not learn of any sizes
+            arrays = jax.eval_shape(lambda: agent.init(jax.random.key(0), *known))
+            learner = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(arrays))
         check_memory(
             {
-                "seeds, num_envs and rollout_length": 4 * trainings * rollout,
-                "hidden_sizes": 12 * trainings * weights,
-                "num_options and embedding_size": 12
-                * options
-                * getattr(agent, "embedding_size", 1),
-                "num_options and value_order": 4
-                * options ** (2 * getattr(agent, "value_order", 0)),
-                "eval_episodes": 4 * self.eval_episodes if self.eval_every else 0,
-            }
+                "seeds and the sizes of algo's networks": trainings * learner,
+                "seeds, num_envs and rollout_length": trainings * steps
+                + 4 * at_once * steps * (sum(known) + 1),
+                "eval_episodes": 24 * self.eval_episodes if self.eval_every else 0,
+            },
+            available,
         )
 
     def check_installed(self) -> None:
@@ -352,7 +363,7 @@ def trust_named(settings: Mapping[str, Any], remember: bool = False) -> None:
 
 def _check_division(num_envs: int, data_devices: int) -> None:
     if num_envs % data_devices:
-        near = max(d for d in range(1, min(data_devices, num_envs) + 1) if num_envs % d == 0)
+        near = divisor_below(num_envs, data_devices)
         raise UsageError(
             f"num_envs = {num_envs} is not divisible by data_devices = {data_devices}; the nearest "
             f"number below that divides it is {near}."

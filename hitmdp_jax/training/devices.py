@@ -9,6 +9,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
+from hitmdp_jax.checks import divisor_below, memory
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.mesh import DATA, TRIAL
@@ -35,7 +36,7 @@ def make_mesh(num_trainings: int, data_devices: int = 1) -> Mesh:
     """
     devices = jax.devices()
     if data_devices > len(devices) or len(devices) % data_devices:
-        near = max(d for d in range(1, data_devices + 1) if len(devices) % d == 0)
+        near = divisor_below(len(devices), data_devices)
         raise UsageError(
             f"data_devices = {data_devices} does not divide the {len(devices)} devices here; the "
             f"nearest number below that does is {near}."
@@ -61,6 +62,23 @@ def num_shards(num_trainings: int, num_devices: int) -> int:
 def chunk_size(trainings: int) -> int:
     """Return how many of a CPU device's trainings run side by side, in chunks of one size."""
     return max(size for size in range(1, SIDE_BY_SIDE + 1) if trainings % size == 0)
+
+
+def at_once(trainings: int, mesh: Mesh) -> int:
+    """Return how many of the trainings collect their rollouts at once."""
+    if mesh.devices.flat[0].platform != "cpu":
+        return trainings
+    shards = mesh.shape[TRIAL]
+    return min(trainings, shards * chunk_size(-(-trainings // shards)))
+
+
+def memory_of(mesh: Mesh) -> int | None:
+    """Return the bytes of memory that a mesh's devices have together; None where they don't say."""
+    device = mesh.local_devices[0]
+    if device.platform == "cpu":
+        return memory() * jax.process_count()
+    limit = (device.memory_stats() or {}).get("bytes_limit")
+    return limit and limit * mesh.size
 
 
 def spread(init: Init, step: Iterate, mesh: Mesh) -> tuple[Init, Iterate]:

@@ -13,6 +13,7 @@ from hitmdp_jax.machine import available_cores
 from hitmdp_jax.training.devices import num_shards
 
 THREADS_PER_CORE = 4
+MOST_DEVICES = 1024
 
 
 def present_cores() -> None:
@@ -50,7 +51,8 @@ def set_up_host(physics: str, num_envs: int, trainings: int = 1, data_devices: i
     """
     cores = available_cores()
     shards = num_shards(trainings, max(1, cores // data_devices))
-    devices = shards * data_devices
+    # More devices than any machine has cores are not made: `make_mesh` refuses them.
+    devices = shards * data_devices if data_devices <= MOST_DEVICES else cores
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         with contextlib.suppress(RuntimeError):  # a user without a home keeps nothing
             cache = Path.home() / ".cache" / "hitmdp_jax"

@@ -14,6 +14,7 @@ from jax.flatten_util import ravel_pytree
 
 from hitmdp_jax.agents.base import Agent, LearnerState, check_hyperparameters
 from hitmdp_jax.agents.contract import check_algorithm
+from hitmdp_jax.checks import check_size
 from hitmdp_jax.envs.action_repeat import ActionRepeat, action_repeat_of
 from hitmdp_jax.envs.contract import check_task
 from hitmdp_jax.envs.vector import VectorEnv
@@ -75,12 +76,6 @@ def check_sizes(agent: Agent, num_steps: Any, num_envs: Any, rollout_length: Any
         check_size(name, size)
     spelled = f"rollout_length * num_envs = {rollout_length} * {num_envs}"
     agent.check_batch(rollout_length * num_envs, spelled)
-
-
-def check_size(name: str, size: Any) -> None:
-    """Raise UsageError where a size is not a positive whole number."""
-    if not isinstance(size, int) or isinstance(size, bool) or size < 1:
-        raise out_of_domain(name, size, "a positive whole number")
 
 
 def make_train(

@@ -15,7 +15,7 @@ from hitmdp_jax.envs.physics import find_engine
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import Checkpoints, Progress, with_raw_keys
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.devices import make_mesh, place, spread
+from hitmdp_jax.training.devices import at_once, make_mesh, memory_of, place, spread
 from hitmdp_jax.training.program import (
     Hyperparameters,
     Init,
@@ -41,15 +41,20 @@ class Run:
         """Make the tasks and the agent; the engine shares its cores out among the devices.
 
         Raises:
-          UsageError: the devices here cannot be shared out as the settings say, or as `make_train`.
+          UsageError: the devices here cannot be shared out as the settings say, or do not have the
+            memory, or as `make_train`.
         """
         mesh = make_mesh(len(config.trainings), config.data_devices)
         here = sum(d.process_index == jax.process_index() for d in mesh.devices.flat)
         engine = find_engine(config.physics).shared(here)
         envs = [make_env(**task, physics=engine) for task in config.tasks]
         run = cls(config, config.make_agent(), mesh, envs)
-        for task in range(len(envs)):
+        together = at_once(len(config.trainings), mesh)
+        for task, env in enumerate(envs):
             run.program(task)  # which says what cannot be trained, before a folder is made
+            assert isinstance(env.observation_size, int)
+            sizes = env.observation_size, env.action_size
+            config.check_memory(sizes, together, memory_of(mesh))
         return run
 
     def program(self, task: int) -> tuple[Init, Iterate]:

@@ -79,6 +79,7 @@ EVALUATE = [
 VIDEO = [
     ("run", "toy/turkey cannot be filmed: it has no MuJoCo model."),
     ("run --episodes 0", "episodes = 0 must be a positive whole number"),
+    ("run --episodes 99999999999", "of memory, most of it for episodes"),
     ("run --engine gym", "Unknown physics 'gym'"),
     ("run --engine ''", "Unknown physics ''"),
     ("from_python", "names no task"),
@@ -164,6 +165,8 @@ REPRODUCE = [
     ("figure15 run", "Unknown target 'figure15'; did you mean 'figure5'?"),
     ("figure7 run run", "Unrecognized arguments"),
     ("figure7 run --sed 1", "did you mean '--seed'?"),
+    ("figure7 other_algo --episodes 0", "episodes = 0 must be a positive whole number"),
+    ("figure7 other_algo --episodes 99999999999", "of memory, most of it for episodes"),
     ("figure6 run --seed 9", "seed = 9 is not in the run"),
     ("figure8 run nowhere", "'nowhere' is not a run's folder"),
 ]  # fmt: skip
@@ -173,6 +176,7 @@ REPORT = [
     ("run --out run", "--out = run cannot be written: Is a directory."),
     ("run --out notes.txt/a", "--out = notes.txt/a cannot be written: a file is in its way."),
     ("run --episodes 0", "episodes = 0 must be a positive whole number"),
+    ("run --episodes 99999999999", "of memory, most of it for episodes"),
     ("run --seed 9", "seed = 9 is not in the run"),
     ("run --sed 9", "did you mean '--seed'?"),
     ("run run2", "'run2' is not a run's folder"),

@@ -11,6 +11,7 @@ import pytest
 import hitmdp_jax
 from hitmdp_jax.agents import AHP, DAC, IOPG, MOPG, OC, PPO, PPOC
 from hitmdp_jax.analysis.evaluation import score
+from hitmdp_jax.analysis.rendering import Painter
 from hitmdp_jax.envs.toy.turkey import Turkey
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.config import RunConfig
@@ -46,6 +47,15 @@ PYTHON = {
     "keyword array": (
         lambda: hitmdp_jax.make_env("hopper", ctrl_cost_weight=np.ones(3)),
         "must be a finite number",
+    ),
+    "action_repeat of 1e12": (
+        lambda: hitmdp_jax.make_env("hopper", action_repeat=10**12),
+        "action_repeat = 1000000000000 must be a positive whole number, at most 2,147,483,647",
+    ),
+    "picture without width": (lambda: Painter(None, (0, 480)), "width = 0 must be a positive"),  # pyright: ignore
+    "picture too high": (
+        lambda: Painter(None, (640, 10**9)),  # pyright: ignore
+        "height = 1000000000 must be a positive whole number, at most 32,768",
     ),
     "version None": (lambda: hitmdp_jax.make_env("hopper", version=None), "Unknown version 'None'"),
     "version 5": (lambda: hitmdp_jax.make_env("hopper", version=5), "Unknown version '5'"),

@@ -3,6 +3,7 @@ import os
 import pickle
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -15,7 +16,7 @@ from hitmdp_jax.mesh import DATA, TRIAL
 from hitmdp_jax.training import devices
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.devices import chunk_size, make_mesh, num_shards, place, spread
+from hitmdp_jax.training.devices import chunk_size, make_mesh, memory_of, num_shards, place, spread
 from hitmdp_jax.training.run import Run
 from tests.probes import QUICK
 
@@ -163,3 +164,10 @@ def test_trainings_in_chunks_equal_trainings_side_by_side(seeds, monkeypatch):
     for i, one in enumerate(expected):
         here = jax.tree.map(lambda x, i=i: x[i], together[1])
         jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-6), here, one)
+
+
+@pytest.mark.parametrize(("told", "has"), [({"bytes_limit": 10}, 40), ({}, None), (None, None)])
+def test_accelerators_have_the_memory_that_each_says_it_has(told, has):
+    device = SimpleNamespace(platform="gpu", memory_stats=lambda: told)
+    mesh = SimpleNamespace(local_devices=[device] * 2, size=4)  # of two processes
+    assert memory_of(mesh) == has  # pyright: ignore[reportArgumentType]

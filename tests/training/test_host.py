@@ -53,6 +53,13 @@ def test_no_more_devices_and_threads_than_trainings_take(monkeypatch, trainings,
     assert os.environ["NPROC"] == str(expected)
 
 
+def test_no_more_devices_are_made_than_any_machine_has_cores(monkeypatch):
+    settings = {}
+    monkeypatch.setattr(jax.config, "update", settings.__setitem__)
+    set_up_host("native", 10**9, data_devices=10**9)
+    assert settings["jax_num_cpu_devices"] == available_cores()
+
+
 @pytest.mark.slow
 def test_thousands_of_mjx_environments_train(tmp_path):
     settings = "env=halfcheetah num_envs=4096 rollout_length=2 total_steps=8192 algo.num_epochs=1"

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import hitmdp_jax
+from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training.checkpoint import Progress
 from hitmdp_jax.training.config import RunConfig
 from hitmdp_jax.training.run import Run
@@ -50,6 +51,25 @@ def inits(run):
 def first(run, inits):
     """The state in which the run starts."""
     return run.begin(0, Progress(0, 0, None), inits[0])
+
+
+def test_a_run_is_refused_where_what_it_surely_needs_does_not_fit(monkeypatch):
+    """Of what the compiler allots, all that is counted must be there, and not much is left out."""
+
+    def has(size):
+        monkeypatch.setattr("hitmdp_jax.training.devices.memory", lambda: size)
+
+    sizes = {"num_envs": 64, "rollout_length": 512, "total_steps": 1, "seeds": 2}
+    run = create(second_env=None, **sizes)
+    init, step = run.programs(0)
+    state = run.begin(0, Progress(0, 0, None), init)
+    allotted = step.lower(state).compile().memory_analysis()
+    needed = allotted.argument_size_in_bytes + allotted.temp_size_in_bytes
+    has(needed)
+    create(second_env=None, **sizes)
+    has(needed // 10)
+    with pytest.raises(UsageError, match="most of it for seeds, num_envs and rollout_length"):
+        create(second_env=None, **sizes)
 
 
 def raw(tree):
