@@ -109,6 +109,6 @@ def test_policies_side_by_side_score_as_each_alone(key, engine):
 
 def test_mistakes_are_explained(key):
     with pytest.raises(UsageError, match="did you mean 'gymnasium'"):
-        score(untrained(17, 6, key), PENDULUM, "gym", 1, key)
+        score(untrained(17, 6, key), PENDULUM, "gymnasum", 1, key)
     with pytest.raises(UsageError, match="episodes = 0 must be a positive whole number"):
         score(untrained(17, 6, key), PENDULUM, "native", 0, key)
