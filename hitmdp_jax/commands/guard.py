@@ -10,6 +10,8 @@ import threading
 from collections.abc import Callable
 from typing import Any, TextIO
 
+import jax
+
 from hitmdp_jax.errors import UsageError, exit_with, warn
 from hitmdp_jax.training.host import present_cores
 
@@ -44,6 +46,11 @@ def guarded(command: Callable[[], int | None], shows: bool = True) -> None:
         if error.errno not in OF_THE_MACHINE:
             raise
         exit_with(UsageError(f"This machine cannot go on: {error.strerror}."))
+    except (MemoryError, jax.errors.JaxRuntimeError) as error:
+        if not isinstance(error, MemoryError) and "RESOURCE_EXHAUSTED" not in str(error):
+            raise
+        reason = "This machine's memory does not hold so much"
+        exit_with(UsageError(f"{reason}: lower seeds, num_envs, rollout_length or episodes."))
     finally:
         output.flush()
         sys.stdout = output.stream
