@@ -27,6 +27,8 @@ def read_text(path: Path) -> str:
     Raises:
       UsageError: it cannot be read, or is not UTF-8.
     """
+    if path.is_fifo():  # reading it would wait for whoever writes
+        raise unreadable(path, "it is a pipe")
     try:
         content = path.read_bytes()
     except OSError as error:

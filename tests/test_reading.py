@@ -1,5 +1,7 @@
 """Every file that is read, damaged in every way: its content, or a sentence that names it."""
 
+import os
+
 import numpy as np
 import pytest
 import yaml
@@ -107,7 +109,7 @@ def test_a_file_that_is_torn_or_in_which_bits_changed_is_explained(name, folder)
             assert_read_or_explained(name, folder)
 
 
-@pytest.mark.parametrize("kind", ["a folder", "a link to itself", "gone"])
+@pytest.mark.parametrize("kind", ["a folder", "a link to itself", "a pipe", "gone"])
 @pytest.mark.parametrize("name", READERS)
 def test_what_is_no_file_is_explained(name, kind, folder):
     (folder / name).unlink(missing_ok=True)
@@ -115,6 +117,8 @@ def test_what_is_no_file_is_explained(name, kind, folder):
         (folder / name).mkdir()
     elif kind == "a link to itself":
         (folder / name).symlink_to(name)
+    elif kind == "a pipe":  # nobody writes into it: whoever reads it waits for ever
+        os.mkfifo(folder / name)
     assert_read_or_explained(name, folder)
 
 

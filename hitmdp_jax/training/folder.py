@@ -140,8 +140,10 @@ def appending(path: Path) -> TextIO:
     Raises:
       OSError: naming the file: it cannot be written, or a link is in its place.
     """
+    # O_NONBLOCK: a pipe in its place, which nobody reads, is refused instead of waited for.
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
     try:
-        number = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+        number = os.open(path, flags, 0o666)
     except OSError as error:
         raise _link(path) if error.errno == errno.ELOOP else error from None
     return open(number, "a", encoding="utf-8", newline="")

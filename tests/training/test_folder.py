@@ -117,6 +117,12 @@ def test_whoever_locks_a_run_removes_what_kills_left_and_nothing_that_is_being_w
     assert (tmp_path / folder.REPORT).read_bytes() == b"whole"
 
 
+def test_a_pipe_in_a_files_place_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / folder.LOCK)
+    with pytest.raises(UsageError, match="cannot be written"):
+        locked(tmp_path).__enter__()
+
+
 def test_only_a_file_is_replaced(tmp_path):
     """As root, `--out /dev/null` would otherwise replace the device."""
     for path in (Path(os.devnull), tmp_path):
