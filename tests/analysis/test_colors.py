@@ -133,7 +133,7 @@ def test_ppo_has_its_colour_in_every_picture(tmp_path):
     metrics = {"env_steps": steps, "episode_return": steps, "seed": np.array([[0.0], [1.0]])}
     (axes,) = learning_curve(metrics, "a run", "ppo").axes
     assert {line.get_color() for line in axes.lines} == wanted
-    result = SettingResult(0, {"algo.gamma": 0.9}, np.array([1.0, 2.0]), 1.5, 1.0, 2.0)
+    result = SettingResult(0, {"algo.gamma": 0.9}, np.array([1.0, 2.0]), "all steps")
     (axes,) = sweep_figure([result], "a sweep", "ppo").axes
     assert {line.get_color() for line in axes.lines} == wanted
     for name in ("table1", "options"):

@@ -237,7 +237,7 @@ NAMED = {
     "figure6": lambda _: option_figures.figure6(metrics_of(2), FORMULA),
     "figure8": lambda _: option_figures.figure8({FORMULA: metrics_of(2)}, {FORMULA: None}),
     "sweep": lambda _: sweep_figure(
-        [SettingResult(0, {FORMULA: 0.9}, np.ones(2), 1.0, 1.0, 1.0)], FORMULA, "mopg"
+        [SettingResult(0, {FORMULA: 0.9}, np.ones(2), "all steps")], FORMULA, "mopg"
     ),
 }
 

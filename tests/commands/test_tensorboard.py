@@ -8,7 +8,9 @@ from tests.analysis.test_figures import write_run
 
 
 def hook(folder):
-    config = types.SimpleNamespace(checkpoint_steps=5, title="a run", steps_after=lambda i: 10 * i)
+    config = types.SimpleNamespace(
+        checkpoint_steps=5, title="a run", steps_after=lambda i: 10 * i, switch_at=None
+    )
     figures = OptionFigures(config, folder)  # type: ignore
     run = types.SimpleNamespace(config=config)
     return lambda iteration: figures(run, Progress(iteration, 0, None))  # type: ignore

@@ -1,6 +1,7 @@
 """metrics.csv: one row a report and training."""
 
 import csv
+import errno
 import io
 import itertools
 from collections.abc import Sequence
@@ -103,7 +104,13 @@ def _is_number(text: str) -> bool:
 
 
 def kept_aside(path: Path) -> Path:
-    """Copy a file beside itself, under a name that is free; return the copy."""
+    """Copy a file beside itself, under a name that is free; return the copy.
+
+    Raises:
+      OSError: naming the file: it is none, or the copy cannot be written.
+    """
+    if path.is_fifo():  # reading it would wait for whoever writes
+        raise OSError(errno.EINVAL, "it is a pipe", str(path))
     numbers = itertools.chain([""], (f"_{n}" for n in itertools.count(2)))
     names = (path.with_name(f"{path.name}.damaged{number}") for number in numbers)
     aside = next(name for name in names if not name.exists())
