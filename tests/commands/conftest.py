@@ -88,7 +88,7 @@ def arms_here(command, monkeypatch):
     trained = []
 
     def train(settings):
-        trained.append(command("train", *settings))
+        trained.append(command("train", *settings, cwd=Path.cwd()))
         return trained[-1].returncode
 
     monkeypatch.setattr(arms, "train", train)
