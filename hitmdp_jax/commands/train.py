@@ -92,7 +92,8 @@ def _unknown_flag(flag: str) -> UsageError:
     settings = Settings([])
     near = nearest(name, [*settings.groups, *settings.names([])])
     if near and not nearest(flag, FLAGS):
-        return UsageError(f"Unknown flag '{flag}': settings have no dashes, as {near}={value}.")
+        meant = f"{near}={value or 'VALUE'}"
+        return UsageError(f"Unknown flag '{flag}': settings have no dashes, as {meant}.")
     return unknown_name("flag", flag, FLAGS)
 
 

@@ -72,7 +72,7 @@ TRAIN = [
     ("--epochs=3", "--epochs"),
     ("--cfg", "--cfg"),
     ("-x", "Unknown flag '-x'. Valid: "),
-    ("--env", "settings have no dashes, as env="),
+    ("--env", "settings have no dashes, as env=VALUE."),
     ("--env=ant", "settings have no dashes, as env=ant."),
     ("-env=ant", "settings have no dashes, as env=ant."),
     ("--seeds=4", "settings have no dashes, as seeds=4."),
