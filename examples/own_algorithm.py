@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.agents import MOPG, traced
-from hitmdp_jax.learning.metrics import Metrics
+from hitmdp_jax.metrics import Metrics
 
 
 class ClipHigher(MOPG):

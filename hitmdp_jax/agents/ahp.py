@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
-from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.options import OptionMemory, at_option, entropy
 from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks import OptionHeads
 
 

@@ -10,8 +10,8 @@ from flax import struct
 
 from hitmdp_jax.checks import fault_of_whole, in_float32
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
-from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.metrics import Metrics
 
 
 def traced(
@@ -175,7 +175,7 @@ class Agent(abc.ABC):
     def update(
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:
-        """Learn from one rollout. The metrics' names are explained in `learning.metrics`."""
+        """Learn from one rollout. The metrics' names are explained in `metrics`."""
 
     def option_of(self, record: Any) -> jax.Array | None:
         """Return the options [...] that were executed; None where the algorithm has none."""

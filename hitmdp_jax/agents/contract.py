@@ -8,8 +8,8 @@ import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import Agent, LearnerState
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.learning.metrics import VOCABULARY
 from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.metrics import VOCABULARY
 from hitmdp_jax.tracing import difference, is_array, told, traced
 
 OURS = {  # metrics that training itself adds

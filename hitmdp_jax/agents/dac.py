@@ -7,9 +7,9 @@ import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import LearnerState, static, traced
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
-from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.options import at_option, entropy, expected_value
 from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.metrics import Metrics
 
 
 class DAC(ClippedOptionAgent):

@@ -12,11 +12,11 @@ from hitmdp_jax.agents.base import Agent, LearnerState, static, traced
 from hitmdp_jax.checks import divisor_below
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.advantages import discounted_returns, generalized_advantages, spread
-from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.optimization import Loss, adam, adapted_share, minibatch_epochs
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.surrogate import clipped_surrogate
 from hitmdp_jax.learning.value_scale import decay, rescale
+from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks.mlp import ACTIVATIONS
 from hitmdp_jax.precision import in_32_bits
 

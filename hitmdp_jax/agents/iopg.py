@@ -8,7 +8,6 @@ import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import LearnerState
 from hitmdp_jax.agents.option_agent import OptionAgent
-from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.optimization import gradient_step
 from hitmdp_jax.learning.options import (
     OptionMemory,
@@ -18,6 +17,7 @@ from hitmdp_jax.learning.options import (
     option_statistics,
 )
 from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.metrics import Metrics
 
 
 class BeliefMemory(OptionMemory):

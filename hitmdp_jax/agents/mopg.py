@@ -10,7 +10,6 @@ from hitmdp_jax.agents.gradient_agent import ScaledAgent
 from hitmdp_jax.agents.hit_policy import HitPolicy
 from hitmdp_jax.learning import mutual_information as mi
 from hitmdp_jax.learning.advantages import standardize
-from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.options import (
     at_option,
     entropy,
@@ -20,6 +19,7 @@ from hitmdp_jax.learning.options import (
 )
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.schedules import SCHEDULES, anneal
+from hitmdp_jax.metrics import Metrics
 
 
 class MOPG(HitPolicy, ScaledAgent):

@@ -8,10 +8,10 @@ from flax import struct
 
 from hitmdp_jax.agents.base import LearnerState, static, traced
 from hitmdp_jax.agents.option_agent import OptionAgent
-from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.optimization import gradient_step
 from hitmdp_jax.learning.options import at_option, expected_value, termination_objective
 from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks import OptionHeads
 
 

@@ -10,7 +10,6 @@ from flax import struct
 from hitmdp_jax.agents.base import static
 from hitmdp_jax.agents.gradient_agent import ClippedAgent, GradientAgent
 from hitmdp_jax.learning.advantages import standardize
-from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.options import (
     OptionMemory,
     at_option,
@@ -21,6 +20,7 @@ from hitmdp_jax.learning.options import (
     value_of_next_option,
 )
 from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks import OptionHeads, OptionNetwork
 from hitmdp_jax.networks.mlp import ACTIVATIONS
 

@@ -9,8 +9,8 @@ import jax
 from hitmdp_jax.agents.base import traced
 from hitmdp_jax.agents.gradient_agent import ScaledAgent
 from hitmdp_jax.learning.advantages import standardize
-from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks import ActionDecoder, Critic
 
 

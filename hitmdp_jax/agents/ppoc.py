@@ -7,8 +7,8 @@ import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import traced
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
-from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.options import at_option, entropy, expected_value, termination_objective
+from hitmdp_jax.metrics import Metrics
 
 
 class PPOC(ClippedOptionAgent):

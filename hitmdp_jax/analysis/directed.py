@@ -8,8 +8,8 @@ from flax import struct
 
 from hitmdp_jax.agents.base import Agent, LearnerState
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.training.policy import Policy
 
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from hitmdp_jax.checks import is_positive_whole
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.learning.metrics import REWARD_TERM, describe
+from hitmdp_jax.metrics import REWARD_TERM, describe
 from hitmdp_jax.tracing import difference, is_array, told, traced
 
 CHECKED = ("hitmdp_jax", "brax")  # packages whose tasks are tested already

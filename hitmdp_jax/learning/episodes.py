@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from hitmdp_jax.envs.vector import Step
-from hitmdp_jax.learning.metrics import Metrics, describe
+from hitmdp_jax.metrics import Metrics, describe
 
 RECENT_EPISODES = 100  # what `recent_return` averages over
 
@@ -49,7 +49,7 @@ def episode_metrics(outcome: Step) -> Metrics:
     """Return the means over whole episodes that ended in a rollout; NaN where none did.
 
     `episode_return` is undiscounted and raw, of the stochastic training policy. What a task reports
-    of its steps is their mean; what it reports of an episode (`learning.metrics`), such as success,
+    of its steps is their mean; what it reports of an episode (`metrics`), such as success,
     is read at the episode's end.
     """
     count = outcome.finished.sum()

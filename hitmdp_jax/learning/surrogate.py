@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from hitmdp_jax.learning.metrics import Metrics
+from hitmdp_jax.metrics import Metrics
 
 
 def clipped_surrogate(

@@ -11,8 +11,8 @@ from jax.sharding import PartitionSpec as P
 
 from hitmdp_jax.checks import divisor_below, memory
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.learning.metrics import Metrics
 from hitmdp_jax.mesh import DATA, TRIAL
+from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.program import Hyperparameters, Init, Iterate, TrainState
 

@@ -14,7 +14,7 @@ import numpy as np
 from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.envs.physics import NativeEngine
 from hitmdp_jax.envs.physics.speed import native_speed
-from hitmdp_jax.learning.metrics import Metrics
+from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.checkpoint import Checkpoints, CheckpointsElsewhere, Progress
 from hitmdp_jax.training.claim import locked

@@ -20,9 +20,9 @@ from hitmdp_jax.envs.contract import check_task
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import out_of_domain
 from hitmdp_jax.learning.episodes import EpisodeWindow, episode_metrics
-from hitmdp_jax.learning.metrics import Metrics, describe, over_iterations
 from hitmdp_jax.learning.normalization import initial_statistics, update_statistics
 from hitmdp_jax.learning.rollout import RolloutState, collect
+from hitmdp_jax.metrics import Metrics, describe, over_iterations
 from hitmdp_jax.precision import in_32_bits
 
 # What was not finite where a seed diverged. Checkpoints hold the place: new ones go to the end.
@@ -274,7 +274,7 @@ def train(
 
 
 def repeat(step: Iterate, count: int) -> Iterate:
-    """Return `count` iterations as one, with their metrics summed up (`learning.metrics`).
+    """Return `count` iterations as one, with their metrics summed up (`metrics`).
 
     Algorithms that update every few steps would spend their time reporting.
     """

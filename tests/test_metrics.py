@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hitmdp_jax.agents import AGENTS
-from hitmdp_jax.learning.metrics import (
+from hitmdp_jax.metrics import (
     REWARD_TERM,
     VOCABULARY,
     describe,
