@@ -1,7 +1,9 @@
 """Reading files that may be damaged or a stranger's: what is wrong is a sentence with its line."""
 
 import csv
+import errno
 import io
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -21,16 +23,46 @@ def unreadable(path: Path, why: str, line: int | None = None) -> UsageError:
     return UsageError(f"'{path}' cannot be read: {place}{why}.")
 
 
+def refuse_endless(path: Path) -> None:
+    """Raise OSError where reading might never end: a pipe waits for whoever writes into it."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise OSError(errno.EINVAL, "it is a pipe or a device", str(path))
+
+
+def check_tree(folder: Path) -> None:
+    """Check a folder before a library, which would wait at a pipe, reads all of it.
+
+    Raises:
+      UsageError: there is a pipe or a device in it, or a link to a folder, whose files may be both.
+    """
+    for above, folders, files in os.walk(folder):
+        for path in (Path(above, name) for name in folders + files):
+            if path.is_symlink() and path.is_dir():
+                raise unreadable(path, "it is a link to a folder")
+            try:
+                refuse_endless(path)
+            except OSError as error:
+                raise unreadable(path, str(error.strerror)) from None
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return what a file holds.
+
+    Raises:
+      OSError: it cannot be read, or is a pipe or a device.
+    """
+    refuse_endless(path)
+    return path.read_bytes()
+
+
 def read_text(path: Path) -> str:
     """Return a file's text.
 
     Raises:
       UsageError: it cannot be read, or is not UTF-8.
     """
-    if path.is_fifo():  # reading it would wait for whoever writes
-        raise unreadable(path, "it is a pipe")
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except OSError as error:
         raise unreadable(path, error.strerror or type(error).__name__) from None
     try:

@@ -18,6 +18,7 @@ from brax.training.acme.running_statistics import NestedMeanStd
 from orbax.checkpoint import checkpoint_managers as managers
 
 from hitmdp_jax.errors import UsageError, warn
+from hitmdp_jax.reading import check_tree
 from hitmdp_jax.training import processes
 from hitmdp_jax.training.folder import CHECKPOINTS, refuse_link, subfolder
 from hitmdp_jax.training.program import TrainState
@@ -57,6 +58,10 @@ class Checkpoints:
     Args:
       run_dir: the run's folder; checkpoints lie in its `checkpoints/`.
       read_only: leave the folder as it is.
+
+    Raises:
+      UsageError: there is nothing to read, or what may never end (`check_tree`).
+      OSError: a link is in the place of what is to be written.
     """
 
     def __init__(self, run_dir: Path, read_only: bool = False):
@@ -74,6 +79,7 @@ class Checkpoints:
                 refuse_link(path)  # Orbax would write through it
         if read_only and not self.folder.is_dir():
             raise UsageError(f"'{self.folder}' holds no checkpoint.")
+        check_tree(self.folder)
         handlers = {
             STATE: ocp.StandardCheckpointHandler(),
             POLICY: ocp.StandardCheckpointHandler(),

@@ -1,4 +1,5 @@
 import json
+import os
 import shutil
 
 import jax
@@ -181,6 +182,27 @@ def test_damage_in_any_file_is_noticed(damage, number, two, tmp_path, capfd):
             np.testing.assert_array_equal(read["w"], Small.at(iteration).learner.params["w"])
             assert capfd.readouterr().err.count("\n") == (iteration == 1), path
         path.write_bytes(whole)
+
+
+@pytest.mark.parametrize("read_only", [True, False])
+def test_what_may_never_end_is_not_read(two, tmp_path, read_only):
+    """Whichever of a checkpoint's files is a pipe, or lies in a folder that is a link."""
+    run_dir = shutil.copytree(two, tmp_path / "run")
+    paths = sorted((run_dir / "checkpoints").rglob("*"))
+    assert len(paths) > 40
+    for path in paths:
+        aside = path.rename(tmp_path / "aside")
+        os.mkfifo(path)
+        with pytest.raises(UsageError, match=f"'{path}' cannot be read: it is a pipe"):
+            Checkpoints(run_dir, read_only)
+        path.unlink()
+        if aside.is_dir() and read_only:  # whoever writes follows no link at all (test_folder.py)
+            path.symlink_to(aside)
+            with pytest.raises(UsageError, match=f"'{path}' cannot be read: it is a link"):
+                Checkpoints(run_dir, read_only)
+            path.unlink()
+        aside.rename(path)
+    assert Checkpoints(run_dir, read_only).restore_policy()[0] == 2
 
 
 def test_a_seed_that_is_not_finite_keeps_no_other_from_being_saved(checkpoints, tmp_path, state):

@@ -1,7 +1,6 @@
 """metrics.csv: one row a report and training."""
 
 import csv
-import errno
 import io
 import itertools
 from collections.abc import Sequence
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from hitmdp_jax.errors import warn
+from hitmdp_jax.reading import read_bytes
 from hitmdp_jax.training.folder import METRICS, appending, write
 from hitmdp_jax.training.sinks.base import Values, columns
 from hitmdp_jax.training.sweep import Training
@@ -109,10 +109,8 @@ def kept_aside(path: Path) -> Path:
     Raises:
       OSError: naming the file: it is none, or the copy cannot be written.
     """
-    if path.is_fifo():  # reading it would wait for whoever writes
-        raise OSError(errno.EINVAL, "it is a pipe", str(path))
     numbers = itertools.chain([""], (f"_{n}" for n in itertools.count(2)))
     names = (path.with_name(f"{path.name}.damaged{number}") for number in numbers)
     aside = next(name for name in names if not name.exists())
-    write(aside, path.read_bytes())
+    write(aside, read_bytes(path))
     return aside
