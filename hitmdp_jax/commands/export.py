@@ -41,23 +41,23 @@ def _main() -> None:
     options = parser.parse_args()
     check_format(options.format)
     config = RunConfig.load(options.run_dir, options.trust)
-    if options.out is not None:
-        writable("--out", options.out)
     set_up_host(config.physics, 1)
     choice = load_chosen(options)
     env = task_of(choice) if config.tasks else None
-    program, contract = export(choice.policy, env, options.format, options.stochastic)
     kind = "stochastic_policy" if options.stochastic else "policy"
     name = f"{kind}_{choice.name}.{options.format}"
     path = options.out or subfolder(options.run_dir, EXPORT) / name
+    beside = path.with_name(f"{path.name}.json")
+    for file in (path, beside):
+        writable("--out", file)
     made(path.parent)
+    program, contract = export(choice.policy, env, options.format, options.stochastic)
     origin = {
         "task": choice.task if config.tasks else None,
         "algorithm": config.algo["name"],
         **choice.training.columns,
         "env_steps": choice.env_steps,
     }
-    beside = path.with_name(f"{path.name}.json")
     with replaced(path) as file, replaced(beside) as contract_file:  # both or neither
         file.write(program)
         contract_file.write(f"{json.dumps(origin | contract, indent=2)}\n".encode())

@@ -20,7 +20,7 @@ from hitmdp_jax.commands.settings import Parser
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.folder import FIGURES, subfolder
+from hitmdp_jax.training.folder import FIGURES, check_replaceable, refuse_link, subfolder
 from hitmdp_jax.training.host import set_up_host
 from hitmdp_jax.training.policy import places
 
@@ -39,7 +39,8 @@ def draw_metrics(target: str, arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=None, help="one of the run's; its first")
     options = parser.parse_args(arguments)
     configs = {run_dir: RunConfig.load(run_dir, options.trust) for run_dir in options.run_dirs}
-    return _save(_of_metrics(target, configs, options.seed), options.run_dirs[0], target)
+    path = _place(options.run_dirs[0], target)
+    return _save(_of_metrics(target, configs, options.seed), path)
 
 
 def draw_episodes(target: str, arguments: list[str]) -> int:
@@ -48,11 +49,12 @@ def draw_episodes(target: str, arguments: list[str]) -> int:
     add_choice(parser)
     parser.add_argument("--episodes", type=int, default=EPISODES, help=f"({EPISODES})")
     options = parser.parse_args(arguments)
+    path = _place(options.run_dir, target)
     insight = insight_of(options)
     figure = OF_EPISODES[target](insight)
     if target == "causal":
         tables.show(table(insight.interventions))
-    return _save(figure, options.run_dir, target)
+    return _save(figure, path)
 
 
 def insight_of(options: argparse.Namespace) -> Insight:
@@ -80,9 +82,16 @@ def _parser(target: str) -> Parser:
     return Parser(prog=f"python -m hitmdp_jax.reproduce {target}", description=__doc__)
 
 
-def _save(figure: Figure, run_dir: Path, target: str) -> int:
-    path = subfolder(run_dir, FIGURES) / f"{target}.png"
-    save(figure, path)
+def _place(run_dir: Path, target: str) -> Path:
+    """Return where a figure goes, having made sure before any work that it can be written."""
+    refuse_link(run_dir / FIGURES)
+    path = run_dir / FIGURES / f"{target}.png"
+    check_replaceable(path)
+    return path
+
+
+def _save(figure: Figure, path: Path) -> int:
+    save(figure, subfolder(path.parents[1], FIGURES) / path.name)
     print(path)
     return 0
 

@@ -46,18 +46,18 @@ def _main() -> None:
     options = parser.parse_args()
     check_episodes(options.episodes)
     configs = {run_dir: RunConfig.load(run_dir, options.trust) for run_dir in options.run_dirs}
-    if options.out is not None:
-        writable("--out", options.out)
-    if len(configs) == 1:
-        ((run_dir, config),) = configs.items()
+    first, one = options.run_dirs[0], len(configs) == 1
+    out = options.out or (first / folder.REPORT if one else Path("comparison.html"))
+    writable("--out", out)
+    if one:
         set_up_host(ENGINE, 16 * options.episodes)
-        write(run_dir, config, options.out, options.seed, options.episodes)
+        write(first, configs[first], out, options.seed, options.episodes)
     else:
         from hitmdp_jax.analysis.report import compare
 
         runs = _named(configs)
         commands = {name: command_line(config) for name, (_, config) in runs.items()}
-        _save(compare(runs, commands), options.out or Path("comparison.html"))
+        _save(compare(runs, commands), out)
 
 
 def write(

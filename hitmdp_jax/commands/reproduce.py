@@ -58,7 +58,7 @@ from hitmdp_jax.analysis.figures import save
 from hitmdp_jax.commands import figures, suites
 from hitmdp_jax.commands.arms import named, train_arms, without_folder
 from hitmdp_jax.commands.guard import dispatched
-from hitmdp_jax.commands.settings import Settings, folder_setting
+from hitmdp_jax.commands.settings import Settings, folder_setting, writable
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name, warn
 from hitmdp_jax.plugins import label
 from hitmdp_jax.training.config import RunConfig
@@ -89,6 +89,7 @@ def run_comparison(arguments: list[str]) -> int:
     folder = folder_setting(values) or Path(
         f"runs/compare/{name.replace('/', '-')}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
     )
+    writable("run_dir", folder, "comparison.png")
     arms = {name: [f"algo={algo}", *without_folder(rest)] for name, algo in algos.items()}
     if code := train_arms(arms, folder):
         return code
@@ -147,7 +148,7 @@ def draw_theorems(arguments: list[str]) -> int:
     assert folder is not None
     if not (seed.isascii() and seed.isdecimal()) or int(seed) >= 2**32:
         raise out_of_domain("seed", seed, "a whole number from 0 to 4294967295")
-    made(folder)
+    made(writable("run_dir", folder, "variance.png"))
     with jax.enable_x64(True):
         models = theorems.sample_models(jax.random.key(int(seed)))
         drawn = {

@@ -6,7 +6,6 @@ import functools
 import itertools
 import math
 import re
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
@@ -23,6 +22,7 @@ import hitmdp_jax
 from hitmdp_jax import plugins
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.training.config import RunConfig, trust_named
+from hitmdp_jax.training.folder import check_replaceable
 
 HOST_SETTINGS = (
     "resume",
@@ -186,20 +186,15 @@ def writable(name: str, path: Path, within: str = "") -> Path:
     """Return a path that is to be written after hours of work, having made sure now that it can be.
 
     Args:
-      name: the setting that names it.
+      name: the setting or flag that names it.
       path: a file or, of a folder, what `within` is a file of.
       within: the file's name.
 
     Raises:
       UsageError: it cannot be written.
     """
-    file = path / within
     try:
-        if file.exists():
-            file.open("a").close()
-        else:
-            above = next(folder for folder in file.absolute().parents if folder.exists())
-            tempfile.TemporaryFile(dir=above).close()
+        check_replaceable(path / within)
     except NotADirectoryError:
         raise UsageError(f"{name} = {path} cannot be written: a file is in its way.") from None
     except OSError as error:

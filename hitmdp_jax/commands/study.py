@@ -23,7 +23,7 @@ from hitmdp_jax.commands.settings import Settings, folder_setting, writable
 from hitmdp_jax.errors import UsageError, unknown_name, warn
 from hitmdp_jax.reading import read_yaml
 from hitmdp_jax.training.config import trust_named
-from hitmdp_jax.training.folder import made
+from hitmdp_jax.training.folder import alone, made, write
 
 STUDIES = Path(hitmdp_jax.__file__).parent / "studies"
 
@@ -64,6 +64,7 @@ def _run(name: str, rest: list[str]) -> int:
     folder = folder_setting(values) or Path(
         f"runs/study/{Path(name).stem}/{time.strftime('%Y-%m-%d_%H-%M-%S')}"
     )
+    writable("run_dir", folder, "study.md")
     if code := train_arms(arms, folder, trust):
         return code
     runs = {arm: read_metrics(folder / arm) for arm in arms}
@@ -76,9 +77,10 @@ def _run(name: str, rest: list[str]) -> int:
     tables.show(rows)
     command = " ".join(["python -m hitmdp_jax.study", name, *own])
     for notebook in notebooks:
-        made(notebook.parent)
-        with notebook.open("a", encoding="utf-8") as file:
-            file.write(f"\n## {study.question}\n\n`{command}`\n\n{tables.markdown(rows)}")
+        with alone(made(notebook.parent)):
+            before = notebook.read_bytes() if notebook.exists() else b""
+            told = f"\n## {study.question}\n\n`{command}`\n\n{tables.markdown(rows)}"
+            write(notebook, before + told.encode())
     print(f"Saved in {folder}.")
     return 0
 

@@ -63,7 +63,10 @@ def _main() -> None:
     choice = load_chosen(options)
     out = options.out or subfolder(options.run_dir, VIDEOS)
     path = out if out.suffix == ".mp4" else out / f"{choice.name}.mp4"
-    made(writable("--out", path).parent)
+    strip = path.with_suffix(".png")
+    for file in (path, strip):
+        writable("--out", file)
+    made(path.parent)
     env: Any = make_env(**choice.task, physics=engine)
     check_fit(choice.policy, env)
     key = jax.random.key(choice.training.seed + SEED_OFFSET)
@@ -76,7 +79,6 @@ def _main() -> None:
 
     write_video(path, env, recorded)
     title = f"{choice.config.title}, {choice.training.name}, {choice.env_steps:,} env steps"
-    strip = path.with_suffix(".png")
     figure = filmstrip(env, recorded, title=title)
     save(figure, strip, dpi=100)
     if options.tensorboard:

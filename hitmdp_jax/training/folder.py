@@ -3,8 +3,10 @@
 import errno
 import fcntl
 import fnmatch
+import glob
 import os
 import secrets
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -74,24 +76,41 @@ def _link(path: Path) -> OSError:
     return OSError(errno.ELOOP, "it is a link, and nothing is written through one", str(path))
 
 
+def check_replaceable(path: Path) -> None:
+    """Check now that a file can be written after hours of work; its folder may still be missing.
+
+    Raises:
+      OSError: as `replaced`.
+    """
+    _refuse_other(path)
+    above = next(folder for folder in path.absolute().parents if folder.exists())
+    try:
+        tempfile.TemporaryFile(dir=above).close()
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
+
+
+def _refuse_other(path: Path) -> None:
+    refuse_link(path)
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is not a file", str(path))
+
+
 @contextmanager
 def replaced(path: Path) -> Iterator[BinaryIO]:
     """Give a file to write, which takes the place of `path` once it is whole.
 
     Until then it lies beside it under a name that nobody can have planted a link at. What fails
-    leaves the old file as it was; a kill leaves a hidden file more, which `remove_leftovers` finds.
+    leaves the old file as it was; a kill leaves a hidden file more, which the next writer removes.
 
     Raises:
       OSError: naming the file: it cannot be written, or a link or a device is in its place.
     """
-    refuse_link(path)
-    if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "it is not a file", str(path))
+    _refuse_other(path)
+    _remove(path.parent, f".{glob.escape(path.name)}.{'[0-9a-f]' * 8}.tmp")
     beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     try:
-        with beside.open("xb") as file:
-            with suppress(OSError):  # a file system without locks
-                fcntl.flock(file, fcntl.LOCK_EX)
+        with _locked(beside) as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
@@ -125,13 +144,28 @@ def alone(run_dir: Path) -> Iterator[None]:
         os.close(number)
 
 
+def _locked(path: Path) -> BinaryIO:
+    """Make a file that `_remove` leaves alone as long as it is open."""
+    while True:
+        file = path.open("xb")
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(file, fcntl.LOCK_EX)
+        if os.fstat(file.fileno()).st_nlink:  # nobody has removed it before it was locked
+            return file
+        file.close()
+
+
 def remove_leftovers(run_dir: Path) -> None:
     """Remove what kills left of a run's files that were being written; not what still is."""
     for folder in (run_dir, *(run_dir / name for name in FOLDERS)):
-        for path in filter(Path.is_file, folder.glob(LEFTOVER)):
-            with suppress(OSError), path.open("rb") as file:
-                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)  # its writer has the other one
-                path.unlink()
+        _remove(folder, LEFTOVER)
+
+
+def _remove(folder: Path, leftovers: str) -> None:
+    for path in filter(Path.is_file, folder.glob(leftovers)):
+        with suppress(OSError), path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)  # its writer has the other one
+            path.unlink()
 
 
 def appending(path: Path) -> TextIO:

@@ -12,8 +12,8 @@ import numpy as np
 import orbax.checkpoint as ocp
 import pytest
 
-from hitmdp_jax.analysis import results, sweeps
-from hitmdp_jax.commands import report, suites
+from hitmdp_jax.analysis import results, sweeps, theorems
+from hitmdp_jax.commands import export, figures, report, reproduce, study, suites, video
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.training import folder
 from hitmdp_jax.training.config import RunConfig
@@ -98,6 +98,33 @@ def test_a_command_writes_through_no_link(command, run_dir, tmp_path, line, name
     assert contents(elsewhere) == before
     assert (run_dir / name).is_symlink()
     assert "nothing is written through one" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+# What a command writes at its end -> what takes the time until then.
+LATE = [
+    (REPORT, folder.REPORT, (report, "report")),
+    ((*REPORT, "{}/../run"), "../comparison.html", (report, "_named")),
+    *((EXPORT, name, (export, "export")) for name in (EXPORTED, f"{EXPORTED}.json")),
+    *((VIDEO, f"{FILMED}.{kind}", (video, "record")) for kind in ("mp4", "png")),
+    (DRAW, DRAWN, (figures, "_of_metrics")),
+    (("reproduce", "causal", "{}"), f"{folder.FIGURES}/causal.png", (figures, "insight_of")),
+    (("reproduce", "theory", "run_dir={}"), "variance.png", (theorems, "sample_models")),
+    (("reproduce", "compare", "run_dir={}"), "comparison.png", (reproduce, "train_arms")),
+    (("study", "memory", "run_dir={}"), "study.md", (study, "train_arms")),
+    (("study", "memory", "append={}/notes.md"), "notes.md", (study, "train_arms")),
+]
+
+
+@pytest.mark.parametrize(("line", "name", "work"), LATE)
+def test_what_cannot_be_written_is_told_before_the_work(
+    command, run_dir, monkeypatch, line, name, work
+):
+    (run_dir / name).mkdir(parents=True)
+    monkeypatch.setattr(*work, lambda *args, **kwargs: pytest.fail("it was computed first"))
+    result = command(*filled(line, run_dir), cwd=run_dir.parent)
+    assert result.returncode == 2
+    assert "it is not a file" in result.stderr
     assert "Traceback" not in result.stderr
 
 

@@ -117,6 +117,31 @@ def test_whoever_locks_a_run_removes_what_kills_left_and_nothing_that_is_being_w
     assert (tmp_path / folder.REPORT).read_bytes() == b"whole"
 
 
+def test_a_file_that_is_removed_before_it_is_locked_is_made_anew(tmp_path, monkeypatch):
+    """By a second writer, which takes it for what a kill left."""
+    flock, removed = folder.fcntl.flock, []
+
+    def remove_first(file, how):
+        if not removed:
+            removed.extend(tmp_path.glob(".file.*.tmp"))
+            removed[0].unlink()
+        flock(file, how)
+
+    monkeypatch.setattr(folder.fcntl, "flock", remove_first)
+    folder.write(tmp_path / "file", "new")
+    assert removed
+    assert (tmp_path / "file").read_text() == "new"
+
+
+def test_the_next_writer_removes_what_a_kill_left_of_this_file_and_of_no_other(tmp_path):
+    others = (".b.0123abcd.tmp", ".[ab].mine.tmp", "[ab].0123abcd.tmp")
+    for name in (".[ab].0123abcd.tmp", *others):
+        (tmp_path / name).touch()
+    with folder.replaced(tmp_path / "[ab]"):
+        folder.write(tmp_path / "[ab]", "meanwhile")  # which leaves what is being written
+    assert {path.name for path in tmp_path.iterdir()} == {"[ab]", *others}
+
+
 def test_a_pipe_in_a_files_place_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / folder.LOCK)
     with pytest.raises(UsageError, match="cannot be written"):
@@ -170,6 +195,7 @@ def test_a_file_is_the_old_or_the_new_one_wherever_its_writer_ends(
     assert (path.read_text() if path.exists() else None) == old
     folder.write(path, "new")
     assert path.read_text() == "new"
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]  # whoever writes next cleans
     (tmp_path / "other").touch()
     assert path.stat().st_mode == (tmp_path / "other").stat().st_mode
 
@@ -193,8 +219,6 @@ def test_the_names_of_a_runs_files_are_spelled_in_one_place():
 OTHERS = {
     "analysis/figures.py": "savefig",  # into the file that `replaced` gives
     "commands/guard.py": "open",  # nothing
-    "commands/settings.py": "open",  # only tries whether it could
-    "commands/study.py": "open",  # adds to the user's own notebook
     "plugins.py": "open",  # notes whom this user trusts, in a file of this user's
     "commands/video.py": "open",  # what a process says, in a temporary folder
 }
