@@ -3,7 +3,7 @@
 Every setting is in configs/; `python train.py --help` lists them.
 """
 
-from hitmdp_jax.commands.train import main
+from hitmdp_jax.cli.train import main
 
 if __name__ == "__main__":
     main()

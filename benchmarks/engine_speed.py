@@ -29,10 +29,10 @@ from mujoco.batch import Batch
 
 import hitmdp_jax
 from hitmdp_jax.envs.base import MujocoEnv
-from hitmdp_jax.envs.physics import MjxEngine, PhysicsChoice
 from hitmdp_jax.envs.vector import VectorEnv, VectorState
 from hitmdp_jax.machine import available_cores
-from hitmdp_jax.training.host import set_up_host
+from hitmdp_jax.physics import MjxEngine, PhysicsChoice
+from hitmdp_jax.runs.host import set_up_host
 
 ENGINES = ("raw", "native", "native+resets", "envpool", "mjx", "mjx-full", "brax")
 SCAN_LENGTH = 32

@@ -23,10 +23,10 @@ import jax
 import jax.numpy as jnp
 
 import hitmdp_jax
-from hitmdp_jax.commands.settings import Settings
-from hitmdp_jax.training.checkpoint import Progress
-from hitmdp_jax.training.host import set_up_host
-from hitmdp_jax.training.run import Run
+from hitmdp_jax.cli.settings import Settings
+from hitmdp_jax.runs.checkpoint import Progress
+from hitmdp_jax.runs.host import set_up_host
+from hitmdp_jax.runs.run import Run
 
 BRAX = {"invertedpendulum": "inverted_pendulum"}  # tasks that Brax names otherwise
 ENVS = (1024, 2048, 4096, 8192, 16384, 32768)

@@ -17,8 +17,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from hitmdp_jax.analysis.figures import read_metrics
-from hitmdp_jax.training.loop import SPEED_WINDOW
+from hitmdp_jax.figures.curves import read_metrics
+from hitmdp_jax.runs.loop import SPEED_WINDOW
 
 TASK = "HalfCheetah-v5"
 NUM_ENVS, LENGTH, MINIBATCH, EPOCHS, SIZES = 16, 128, 64, 10, (64, 64)
@@ -35,7 +35,7 @@ def ours(algo: str, physics: str, seeds: int, seconds: float) -> Figures:
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
         command = [
-            sys.executable, "-m", "hitmdp_jax.train", *SETTINGS, f"algo={algo}",
+            sys.executable, "-m", "hitmdp_jax", "train", *SETTINGS, f"algo={algo}",
             f"physics={physics}", f"seeds={seeds}", "total_steps=1e9", f"run_dir={run_dir}",
         ]  # fmt: skip
         start = time.perf_counter()

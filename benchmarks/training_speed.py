@@ -16,15 +16,15 @@ from typing import Any
 import jax
 
 from hitmdp_jax.agents import Agent
-from hitmdp_jax.commands.settings import Settings
-from hitmdp_jax.envs.physics.speed import native_speed
+from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.learning.rollout import collect
-from hitmdp_jax.training.checkpoint import Progress
-from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.devices import spread
-from hitmdp_jax.training.host import set_up_host
-from hitmdp_jax.training.run import Run
+from hitmdp_jax.physics.speed import native_speed
+from hitmdp_jax.runs.checkpoint import Progress
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.devices import spread
+from hitmdp_jax.runs.host import set_up_host
+from hitmdp_jax.runs.run import Run
 
 ROWS = (  # algo, physics, seeds
     ("mopg", "native", 1),

@@ -10,12 +10,13 @@ import jax
 
 import hitmdp_jax
 from hitmdp_jax.agents import MOPG
-from hitmdp_jax.analysis import causal, tables
-from hitmdp_jax.analysis.embedding_figures import figure5
-from hitmdp_jax.analysis.insight import Insight
-from hitmdp_jax.analysis.insight_figures import causal_figure
-from hitmdp_jax.analysis.option_figures import figure7
-from hitmdp_jax.analysis.perturbation import sentences
+from hitmdp_jax.experiments import tables
+from hitmdp_jax.figures.choices import causal_figure
+from hitmdp_jax.figures.embeddings import figure5
+from hitmdp_jax.figures.options_in_time import figure7
+from hitmdp_jax.interpret import interventions
+from hitmdp_jax.interpret.insight import Insight
+from hitmdp_jax.interpret.perturbation import sentences
 
 
 def main(folder, num_steps=40_960, episodes=4):
@@ -29,7 +30,7 @@ def main(folder, num_steps=40_960, episodes=4):
     insight = Insight(policy, env, key_record, episodes)  # computes what is read, when it is read
     print("share of the steps:", insight.usage.round(2))
     print("divergence in nats:", insight.divergence.round(3), sep="\n")
-    tables.show(causal.table(insight.interventions))
+    tables.show(interventions.table(insight.interventions))
     option, found = insight.by_usage[0], insight.perturbation
     assert found is not None  # MOPG's options are embeddings
     for sentence in sentences(found, option, insight.names.actuators):

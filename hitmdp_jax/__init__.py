@@ -10,7 +10,7 @@ with contextlib.redirect_stdout(io.StringIO()):
 from hitmdp_jax import agents
 from hitmdp_jax.envs import list_envs, make_env, register_env
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training.policy import Policy, load, save
+from hitmdp_jax.runs.policy import Policy, load, save
 from hitmdp_jax.training.program import TrainState, make_train, train
 
 __all__ = [

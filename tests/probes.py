@@ -7,7 +7,7 @@ from brax.envs.base import Env, State
 from flax import struct
 
 import hitmdp_jax
-from hitmdp_jax.envs.toy.turkey import Turkey
+from hitmdp_jax.envs.suites.toy.turkey import Turkey
 from hitmdp_jax.training.sweep import Training
 
 # A run that compiles quickly. Wherever another one is not the point it is this one, so that its

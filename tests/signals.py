@@ -3,7 +3,7 @@
 import contextlib
 import signal
 
-from hitmdp_jax.training.interrupt import SIGNALS
+from hitmdp_jax.runs.interrupt import SIGNALS
 
 
 @contextlib.contextmanager

@@ -12,11 +12,11 @@ import pytest
 import hitmdp_jax
 from hitmdp_jax import make_env
 from hitmdp_jax.agents import AGENTS, PPO
-from hitmdp_jax.analysis.trajectories import record
 from hitmdp_jax.envs import list_envs
 from hitmdp_jax.envs.vector import VectorEnv
+from hitmdp_jax.interpret.episodes import record
 from hitmdp_jax.precision import in_32_bits
-from hitmdp_jax.training.policy import Policy
+from hitmdp_jax.runs.policy import Policy
 from tests.probes import QUICK
 from tests.programs import shapes_of_an_iteration
 
@@ -128,7 +128,7 @@ def test_the_command_line_trains_and_evaluates_under_x64(tmp_path):
     algo = " ".join(f"algo.{k}={v}" for k, v in QUICK["algo"].items() if k != "name")
     settings = f"algo=ppo {algo} env=invertedpendulum physics=native total_steps=2048"
     evaluated = "eval_every=2048 eval_episodes=2 report=false"
-    command = [sys.executable, "-m", "hitmdp_jax.train", *settings.split(), *evaluated.split()]
+    command = [sys.executable, "-m", "hitmdp_jax", "train", *settings.split(), *evaluated.split()]
     out = subprocess.run(
         [*command, f"run_dir={tmp_path}"],
         env=os.environ | {"JAX_ENABLE_X64": "1"},

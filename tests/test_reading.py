@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import yaml
 
-from hitmdp_jax.analysis import results
-from hitmdp_jax.analysis.figures import read_metrics
-from hitmdp_jax.commands import evaluate, study
+from hitmdp_jax.cli import evaluate, study
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.experiments import results
+from hitmdp_jax.figures.curves import read_metrics
 from hitmdp_jax.reading import read_numbers, read_rows, read_yaml
-from hitmdp_jax.training import provenance
-from hitmdp_jax.training.checkpoint import Checkpoints
-from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.folder import FILES, FOLDERS, LOCK
+from hitmdp_jax.runs import provenance
+from hitmdp_jax.runs.checkpoint import Checkpoints
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.folder import FILES, FOLDERS, LOCK
 
 TABLE = "iteration,env_steps,seed,episode_return\n1,2048,0,\n1,2048,1,2.5\n2,4096,0,1\n2,4096,1,3\n"
 RUN = {"schema": 3, "algo": {"name": "ppo", "gamma": 0.9}, "env": {"name": "toy/turkey"}}

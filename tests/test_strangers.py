@@ -16,12 +16,12 @@ import yaml
 import hitmdp_jax
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import PPO
-from hitmdp_jax.analysis import results
-from hitmdp_jax.commands import arms, evaluate, export, report, reproduce, study, train, video
+from hitmdp_jax.cli import arms, evaluate, export, report, reproduce, study, train, video
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training import loop
-from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.policy import extract, load_all
+from hitmdp_jax.experiments import results
+from hitmdp_jax.runs import loop
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.policy import extract, load_all
 from tests.probes import untrained
 
 PLANTED = """

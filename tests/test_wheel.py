@@ -8,7 +8,7 @@ from pathlib import Path
 import jax
 import pytest
 
-from tests.commands.conftest import QUICK
+from tests.cli.conftest import QUICK
 
 CHECKOUT = Path(__file__).parents[1]
 

@@ -8,12 +8,12 @@ from brax.envs.base import Env
 
 from hitmdp_jax.checks import MOST, check_size
 from hitmdp_jax.envs.action_repeat import ActionRepeat
-from hitmdp_jax.envs.brax_tasks import BRAX, brax_task, check_engine
 from hitmdp_jax.envs.contract import check_task
-from hitmdp_jax.envs.dmc.suite import require_suite
 from hitmdp_jax.envs.keywords import check_keywords, parameters_of
-from hitmdp_jax.envs.physics import PhysicsChoice, find_engine
+from hitmdp_jax.envs.suites.brax import BRAX, brax_task, check_engine
+from hitmdp_jax.envs.suites.dmc.suite import require_suite
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
+from hitmdp_jax.physics import PhysicsChoice, find_engine
 from hitmdp_jax.plugins import is_own, label, load_class, require_class, trust
 
 __all__ = ["check_engine", "check_env", "check_installed", "list_envs", "make_env", "register_env"]
@@ -71,7 +71,7 @@ def register_env(name: str, constructor: Callable[..., Env]) -> None:
       UsageError: the name is one of ours or of Brax's, or it cannot be a name; or the constructor
         cannot be called, or is a class of no environments.
 
-    >>> from hitmdp_jax.envs.toy.turkey import Turkey
+    >>> from hitmdp_jax.envs.suites.toy.turkey import Turkey
     >>> register_env("my_turkey", Turkey)
     >>> make_env("my_turkey").action_size
     1
@@ -146,7 +146,7 @@ def check_env(
         if not isinstance(version, str) or version not in VERSIONS:
             raise unknown_name("version", str(version), VERSIONS)
         module, class_name = _REGISTRY[name]
-        task = getattr(importlib.import_module(f"hitmdp_jax.envs.{module}"), class_name)
+        task = getattr(importlib.import_module(f"hitmdp_jax.envs.suites.{module}"), class_name)
     elif name in _registered:
         task = _registered[name]
     elif is_own(name):

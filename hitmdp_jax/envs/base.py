@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import mujoco
 from brax.envs.base import Env, State
 
-from hitmdp_jax.envs.physics import PhysicsChoice, PhysicsState, SolverBudget, find_engine
+from hitmdp_jax.physics import PhysicsChoice, PhysicsState, SolverBudget, find_engine
 from hitmdp_jax.precision import in_32_bits
 
 __all__ = ["MujocoEnv", "SolverBudget", "has_model"]

@@ -7,10 +7,10 @@ import sys
 import pytest
 import yaml
 
-from hitmdp_jax.commands import arms, evaluate, export, report, reproduce, train, video
-from hitmdp_jax.training import loop
-from hitmdp_jax.training.checkpoint import Checkpoints, Progress
-from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.cli import arms, evaluate, export, report, reproduce, train, video
+from hitmdp_jax.runs import loop
+from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
+from hitmdp_jax.runs.config import RunConfig
 from tests.probes import untrained
 
 OWN = """

@@ -5,7 +5,7 @@ A row is a command line and a part of the sentence that explains its mistake (co
 
 import pytest
 
-from hitmdp_jax.commands import evaluate, export, report, reproduce, study, train, video
+from hitmdp_jax.cli import evaluate, export, report, reproduce, study, train, video
 
 # What reads a run's folder says what is wrong with it, whichever command it is.
 FOLDERS = [

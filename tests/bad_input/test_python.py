@@ -10,11 +10,11 @@ import pytest
 
 import hitmdp_jax
 from hitmdp_jax.agents import AHP, DAC, IOPG, MOPG, OC, PPO, PPOC
-from hitmdp_jax.analysis.evaluation import score
-from hitmdp_jax.analysis.rendering import Painter
-from hitmdp_jax.envs.toy.turkey import Turkey
+from hitmdp_jax.envs.suites.toy.turkey import Turkey
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training.config import RunConfig
+from hitmdp_jax.interpret.evaluation import score
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.video.rendering import Painter
 from tests.probes import Target, untrained
 
 SIZES = {"num_steps": 128, "num_envs": 8, "rollout_length": 16}

@@ -5,7 +5,7 @@ A row is a command line and a part of the sentence that explains its mistake (co
 
 import pytest
 
-from hitmdp_jax.commands import train
+from hitmdp_jax.cli import train
 
 TRAIN = [
     # Names

@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks import gpu
 from hitmdp_jax.agents import AGENTS
-from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.run import Run
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.run import Run
 
 SMALL = "--env invertedpendulum --envs 4 --seeds 1 2 --algos ppo --num-envs 4 --rollout-length 8"
 SMALL += " --minibatch-size 16 --seconds 0.1"

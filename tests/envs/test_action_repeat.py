@@ -8,15 +8,15 @@ import pytest
 import hitmdp_jax
 from hitmdp_jax import make_env
 from hitmdp_jax.agents import PPO
-from hitmdp_jax.analysis.names import names_of
-from hitmdp_jax.analysis.trajectories import record
 from hitmdp_jax.envs import check_env
 from hitmdp_jax.envs.action_repeat import ActionRepeat
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.interpret.episodes import record
+from hitmdp_jax.interpret.names import names_of
 from hitmdp_jax.learning.normalization import initial_statistics
-from hitmdp_jax.training.policy import Policy
-from tests.envs.parity import (
+from hitmdp_jax.runs.policy import Policy
+from tests.envs.suites.gym.parity import (
     assert_near,
     gymnasium_env,
     our_steps,

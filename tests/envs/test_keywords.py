@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hitmdp_jax.envs import check_env
-from hitmdp_jax.envs.gym.hopper import Hopper
 from hitmdp_jax.envs.keywords import check_keywords, parameters_of
+from hitmdp_jax.envs.suites.gym.hopper import Hopper
 from hitmdp_jax.errors import UsageError
 
 

@@ -10,7 +10,8 @@ from brax.envs.base import Env, State
 from brax.envs.wrappers import training
 
 import hitmdp_jax
-from hitmdp_jax.envs import check_env, check_installed, physics
+from hitmdp_jax import physics
+from hitmdp_jax.envs import check_env, check_installed
 from hitmdp_jax.errors import UsageError
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "env"

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.training.checkpoint import Progress
-from hitmdp_jax.training.config import RunConfig
-from hitmdp_jax.training.run import Run
+from hitmdp_jax.runs.checkpoint import Progress
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.run import Run
 from hitmdp_jax.training.sweep import Training, label, settings_of
 from tests.probes import QUICK
 

@@ -1,0 +1,40 @@
+"""`hitmdp COMMAND ...`, and `python -m hitmdp_jax COMMAND ...`: everything that can be done."""
+
+import importlib
+import sys
+
+COMMANDS = {
+    "train": "train an agent: name=value ...",
+    "evaluate": "score a trained run in an engine",
+    "report": "write one page about a run, or a comparison of several",
+    "video": "film a trained run",
+    "export": "write a policy as a program of its own",
+    "reproduce": "draw or train one of the paper's figures and tables",
+    "study": "answer a question by an experiment",
+}
+
+
+def usage() -> str:
+    """Return what can be done, a line each."""
+    lines = [f"  {name:<10} {does}" for name, does in COMMANDS.items()]
+    return "\n".join(
+        ["usage: hitmdp COMMAND ...", "", *lines, "", "hitmdp COMMAND --help says more."]
+    )
+
+
+def main() -> None:
+    """Run the command that the command line names."""
+    name, *rest = sys.argv[1:] or ["--help"]
+    if name in ("-h", "--help"):
+        print(usage())
+        return
+    from hitmdp_jax.errors import exit_with, unknown_name  # nothing is imported before it is needed
+
+    if name not in COMMANDS:
+        exit_with(unknown_name("command", name, COMMANDS))
+    sys.argv = [f"hitmdp {name}", *rest]
+    importlib.import_module(f"hitmdp_jax.cli.{name}").main()
+
+
+if __name__ == "__main__":
+    main()

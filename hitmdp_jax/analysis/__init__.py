@@ -1,1 +1,0 @@
-"""Figures and numbers from finished runs."""

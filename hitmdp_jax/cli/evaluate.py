@@ -1,0 +1,210 @@
+"""Score a trained run: `python -m hitmdp_jax evaluate RUN_DIR --engine gymnasium --episodes 50`."""
+
+import csv
+import io
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from hitmdp_jax import plugins
+from hitmdp_jax.cli.guard import guarded
+from hitmdp_jax.cli.policies import add_checkpoint, load_named
+from hitmdp_jax.cli.settings import Parser
+from hitmdp_jax.errors import UsageError, warn
+from hitmdp_jax.interpret.evaluation import ENGINES, Scores, check_request, score_each, task_env
+from hitmdp_jax.interpret.forced_options import number_of_options
+from hitmdp_jax.interpret.insight import Insight
+from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, summary
+from hitmdp_jax.reading import read_rows
+from hitmdp_jax.runs.checkpoint import Progress
+from hitmdp_jax.runs.config import RunConfig, Task
+from hitmdp_jax.runs.folder import EVALUATIONS, alone, write
+from hitmdp_jax.runs.host import set_up_host
+from hitmdp_jax.runs.interrupt import StopRequest
+from hitmdp_jax.runs.policy import Policy, places
+from hitmdp_jax.runs.run import Run
+from hitmdp_jax.runs.sinks.csv import kept_aside
+from hitmdp_jax.training.sweep import PREFIX, Training
+
+COLUMNS: tuple[str, ...] = (
+    "iteration", "task", "seed", "engine", "episodes", "deterministic",
+    "return", "std", "min", "max", "std_error", "length",
+)  # fmt: skip
+SEED_OFFSET = 2**20  # keeps the keys of evaluations apart from those of trainings
+
+
+def main() -> None:
+    """Run the command line."""
+    guarded(_main)
+
+
+def _main() -> None:
+    parser = Parser(prog="python -m hitmdp_jax evaluate", description=__doc__)
+    parser.add_argument("run_dir", type=Path, help="a run's folder")
+    parser.add_argument(
+        "--engine", default=None, help=f"one of {', '.join(ENGINES)}; the run's own"
+    )
+    parser.add_argument("--episodes", type=int, default=50, help="episodes a seed (50)")
+    parser.add_argument("--seed", type=int, default=None, help="one of the run's seeds; all")
+    parser.add_argument("--setting", type=int, default=None, help="one of a sweep's settings; all")
+    add_checkpoint(parser)
+    parser.add_argument("--deterministic", action="store_true", help="do not sample")
+    parser.add_argument(
+        "--choices", action="store_true", help="sampling, let something else choose the options too"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    options = parser.parse_args()
+    config = RunConfig.load(options.run_dir, options.trust)
+    if config.env is None:
+        raise UsageError(f"'{options.run_dir}' was saved from Python and names no task.")
+    chosen = places(config, options.seed, options.setting)
+    engine = config.physics if options.engine is None else options.engine
+    check_request(engine, options.episodes)
+    side_by_side = options.episodes * len(chosen)
+    if options.choices:
+        if engine == "gymnasium":
+            raise UsageError("--choices needs an engine of JAX: one of native, mjx, warp.")
+        number = number_of_options(config.make_agent())
+        side_by_side = max(side_by_side, options.episodes * (number + WITHOUT_EACH_OPTION))
+    set_up_host(engine if engine != "gymnasium" else config.physics, side_by_side)
+    iteration, everyone = load_named(options)
+    trainings = [config.trainings[place] for place in chosen]
+    keys = [jax.random.key(training.seed + SEED_OFFSET) for training in trainings]
+    policies = everyone.of(np.array(chosen))
+    task = config.task_at(iteration)
+    scores = score_each(policies, task, engine, options.episodes, keys, options.deterministic)
+    rows = [
+        row(of_one, iteration, task, training, engine, options.deterministic)
+        for of_one, training in zip(scores, trainings, strict=True)
+    ]
+    choices = []
+    if options.choices:
+        env = task_env(task, engine)
+        for i, key in enumerate(keys):
+            insight = Insight(policies.of(i), env, key, options.episodes)
+            choices.append(summary(insight.interventions))
+    if options.json:
+        both = itertools.zip_longest(rows, choices, fillvalue={})
+        print(json.dumps([entry | choice for entry, choice in both], indent=2))
+    else:
+        title = f"{plugins.label(task['name'])} in {engine}"
+        _show(title, list(trainings[0].columns), rows, choices)
+    _note(options.run_dir, rows)
+
+
+def _show(
+    title: str, index: list[str], rows: list[dict[str, Any]], choices: list[dict[str, float]]
+) -> None:
+    """Print the scores, and those under other choices of options where there are any."""
+    console = Console(markup=False, emoji=False)  # names are what they are
+    numbers = ["return", "std", "min", "max", "std error", "length"]
+    numbers += ["success"] if "success" in rows[0] else []
+    table = Table(*(name.removeprefix(PREFIX) for name in index), *numbers, title=title)
+    for entry in rows:
+        numbers = [entry[name] for name in ("return", "std", "min", "max", "std_error")]
+        shown = ("-" if x is None else f"{x:,.1f}" for x in numbers)
+        more = [f"{entry['length']:.1f}"]
+        more += [f"{entry['success']:.0%}"] if "success" in entry else []
+        table.add_row(*(f"{entry[name]:.6g}" for name in index), *shown, *more)
+    console.print(table)
+    if choices:
+        table = Table("seed", *choices[0], title="by what chooses the options")
+        for entry, choice in zip(rows, choices, strict=True):
+            table.add_row(str(entry["seed"]), *(f"{x:,.1f}" for x in choice.values()))
+        console.print(table)
+
+
+def row(
+    scores: Scores, iteration: int, task: Task, training: Training, engine: str, deterministic: bool
+) -> dict[str, Any]:
+    """Return what is written of one training's scores."""
+    returns = scores.returns
+    error = scores.standard_error
+    numbers = (returns.mean(), returns.std(), returns.min(), returns.max())
+    values = (
+        iteration, plugins.label(task["name"]), training.seed, engine, len(returns), deterministic,
+        *(float(x) for x in numbers), None if np.isnan(error) else error,
+        float(scores.lengths.mean()),
+    )  # fmt: skip
+    known = {} if scores.success is None else {"success": float(scores.success.mean())}
+    return dict(zip(COLUMNS, values, strict=True)) | training.columns | known
+
+
+def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:
+    """Add rows to the run's evaluations.csv, whose columns become those of all rows.
+
+    An older version left out some, and a transfer's second task may know of success alone.
+    """
+    path = run_dir / EVALUATIONS
+    with alone(run_dir):
+        known = _known(path) if path.exists() else []
+        columns = dict.fromkeys(name for one in (*rows[:1], *known[:1]) for name in one)
+        text = io.StringIO(newline="")
+        writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows([*known, *rows])
+        write(path, text.getvalue())
+
+
+def _known(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a file; one that is damaged is kept aside, and that is said."""
+    try:
+        return [row for _, row in read_rows(path)]
+    except UsageError as error:
+        aside = kept_aside(path)
+        warn(f"{error} {aside.name} beside it keeps the damaged file.")
+        return []
+
+
+def _note(run_dir: Path, rows: list[dict[str, Any]]) -> None:
+    """Append rows, or say why that cannot be done: the scores themselves are known."""
+    try:
+        append(run_dir, rows)
+    except OSError as error:
+        warn(f"the scores could not be written to '{error.filename}': {error.strerror}.")
+
+
+class Evaluation:
+    """Scores every policy while a run trains: whole episodes of the deterministic one.
+
+    In a transfer they are episodes of the task that the run is on.
+
+    Args:
+      config: the run's settings, `eval_every` and `eval_episodes` among them.
+      run_dir: the run's folder; every score is a row of its evaluations.csv.
+    """
+
+    names = ("evaluation_return",)
+
+    def __init__(self, config: RunConfig, run_dir: Path):
+        self.every = config.eval_every
+        self._run_dir = run_dir
+
+    def __call__(self, run: Run, progress: Progress) -> dict[str, np.ndarray]:
+        """Return the mean return of each training [R]."""
+        config, state = run.config, progress.state
+        assert state is not None
+        here = jax.local_devices()[0]
+        learned = jax.device_put((state.learner.params, state.normalizer), here)
+        everyone = Policy(run.agent.replace(**config.swept), *learned)
+        keys = [
+            jax.random.fold_in(jax.random.key(training.seed + SEED_OFFSET), progress.iteration)
+            for training in config.trainings
+        ]
+        task = config.task_at(progress.iteration)
+        scores = score_each(everyone, task, config.physics, config.eval_episodes, keys, True)
+        rows = [
+            row(of_one, progress.iteration, task, training, config.physics, True)
+            for of_one, training in zip(scores, config.trainings, strict=True)
+        ]
+        _note(self._run_dir, rows)
+        return {"evaluation_return": np.array([entry["return"] for entry in rows])}
+
+    def close(self, stop: StopRequest) -> None:
+        """Nothing is under way between two calls."""

@@ -1,0 +1,167 @@
+"""Write one page about a run, or a comparison of several: `python -m hitmdp_jax report RUN_DIR...`.
+
+The page is one HTML file that needs no network: the curve of every seed, what each option does,
+whether options matter, what their embeddings mean, and a video.
+"""
+
+import functools
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from hitmdp_jax.cli.command_line import command_line
+from hitmdp_jax.cli.evaluate import SEED_OFFSET
+from hitmdp_jax.cli.guard import guarded
+from hitmdp_jax.cli.settings import Parser, writable
+from hitmdp_jax.envs import make_env
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.interpret.episodes import Trajectories, record
+from hitmdp_jax.interpret.evaluation import check_episodes
+from hitmdp_jax.runs import folder
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.host import set_up_host
+from hitmdp_jax.runs.policy import Policy, load_all, places
+
+EPISODES = 8
+FILMED, PIXELS = 600, (480, 360)  # steps and size of the video: of a page, not of a film
+ENGINE = "native"  # MuJoCo C compiles in no time, and scores as the others do
+
+
+def main() -> None:
+    """Run the command line."""
+    guarded(_main)
+
+
+def _main() -> None:
+    parser = Parser(prog="python -m hitmdp_jax report", description=__doc__)
+    parser.add_argument("run_dirs", type=Path, nargs="+", metavar="RUN_DIR")
+    parser.add_argument(
+        "--out", type=Path, help=f"the file; RUN_DIR/{folder.REPORT}, or comparison.html"
+    )
+    parser.add_argument("--seed", type=int, default=None, help="whose options; the median seed's")
+    parser.add_argument("--episodes", type=int, default=EPISODES, help=f"recorded ({EPISODES})")
+    options = parser.parse_args()
+    check_episodes(options.episodes)
+    configs = {run_dir: RunConfig.load(run_dir, options.trust) for run_dir in options.run_dirs}
+    first, one = options.run_dirs[0], len(configs) == 1
+    out = options.out or (first / folder.REPORT if one else Path("comparison.html"))
+    writable("--out", out)
+    if one:
+        set_up_host(ENGINE, 16 * options.episodes)
+        write(first, configs[first], out, options.seed, options.episodes)
+    else:
+        from hitmdp_jax.report.page import compare
+
+        runs = _named(configs)
+        commands = {name: command_line(config) for name, (_, config) in runs.items()}
+        _save(compare(runs, commands), out)
+
+
+def write(
+    run_dir: Path,
+    config: RunConfig,
+    out: Path | None = None,
+    seed: int | None = None,
+    episodes: int = EPISODES,
+) -> None:
+    """Write the page about a run; args and Raises as `report`, `out` the file."""
+    started = time.perf_counter()
+    content = report(run_dir, config, seed, episodes)
+    _save(
+        content, out or run_dir / folder.REPORT, f", made in {time.perf_counter() - started:.0f} s"
+    )
+
+
+def _save(content: str, path: Path, how: str = "") -> None:
+    folder.made(path.parent)
+    folder.write(path, content)
+    print(f"Saved {path}: {len(content) / 2**20:.1f} MiB{how}.")
+
+
+def report(
+    run_dir: Path, config: RunConfig, seed: int | None = None, episodes: int = EPISODES
+) -> str:
+    """Return the page about a run.
+
+    Args:
+      run_dir: the run's folder.
+      config: its settings.
+      seed: whose options are shown; None takes the one with the median return.
+      episodes: how many are recorded.
+
+    Raises:
+      UsageError: the run has no such seed.
+    """
+    from hitmdp_jax.report.page import RunReport
+
+    place = _median(run_dir, config) if seed is None else places(config, seed)[0]
+    key = jax.random.key(config.trainings[place].seed + SEED_OFFSET)
+
+    @functools.cache
+    def policy_and_env() -> tuple[Policy, Any]:
+        iteration, everyone = load_all(run_dir)
+        task = config.task_at(iteration)
+        engine = config.physics if task["name"].startswith("brax/") else ENGINE
+        return everyone.of(place), make_env(**task, physics=engine)
+
+    @functools.cache
+    def insight():
+        from hitmdp_jax.interpret.forced_options import number_of_options
+        from hitmdp_jax.interpret.insight import Insight
+
+        number_of_options(config.make_agent())  # before anything is compiled
+        policy, env = policy_and_env()
+        return Insight(policy, env, key, episodes)
+
+    def recorded() -> Trajectories:
+        """Return the episodes that the page speaks of; one of a policy without options."""
+        try:
+            return insight().trajectories
+        except UsageError:
+            policy, env = policy_and_env()
+            return jax.device_get(record(policy, env, key, 1, physics=True))
+
+    def video(path: Path) -> None:
+        from hitmdp_jax.cli.video import check_filming
+        from hitmdp_jax.video.film import write_video
+
+        check_filming(config)
+        _, env = policy_and_env()
+        shown = recorded()
+        beginning = shown.alive & (np.arange(len(shown.alive)) < FILMED)[:, None]
+        write_video(path, env, shown.replace(alive=beginning), episodes=[0], size=PIXELS)
+
+    return RunReport(run_dir, config, command_line(config), place, insight, video).html()
+
+
+def _median(run_dir: Path, config: RunConfig) -> int:
+    """Return the place of the training with the median return, in a sweep of the best setting.
+
+    It is the first one where no return is known.
+    """
+    from hitmdp_jax.experiments.comparison import final_returns
+    from hitmdp_jax.experiments.sweeps import rank
+    from hitmdp_jax.figures.curves import read_metrics
+
+    if not (run_dir / folder.METRICS).is_file():
+        return 0
+    metrics = read_metrics(run_dir, len(config.trainings))
+    if not metrics:
+        return 0
+    returns = final_returns(metrics, config.switch_at)
+    candidates = np.array(places(config, setting=rank(metrics, config)[0].setting))
+    known = candidates[np.isfinite(returns[candidates])]
+    return int(known[np.argsort(returns[known])[(len(known) - 1) // 2]]) if known.size else 0
+
+
+def _named(configs: dict[Path, RunConfig]) -> dict[str, tuple[Path, RunConfig]]:
+    """Return runs by algorithm, or by folder where two have the same one."""
+    algos = [config.algo["name"] for config in configs.values()]
+    unique = len(set(algos)) == len(algos)
+    return {
+        algo if unique else str(run_dir): (run_dir, config)
+        for algo, (run_dir, config) in zip(algos, configs.items(), strict=True)
+    }

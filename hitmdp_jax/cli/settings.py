@@ -1,0 +1,363 @@
+"""How every command line reads settings, and how it says what is wrong with them."""
+
+import argparse
+import copy
+import functools
+import itertools
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import hydra
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override, QuotedString, Transformer, ValueType
+from hydra.errors import HydraException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+import hitmdp_jax
+from hitmdp_jax import plugins
+from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
+from hitmdp_jax.runs.config import RunConfig, trust_named
+from hitmdp_jax.runs.folder import check_replaceable
+
+HOST_SETTINGS = (
+    "resume",
+    "run_dir",
+    "overwrite",
+    "report",
+    "distributed",
+    "trust",
+)  # of the command line, not of the run
+OWN_GROUPS = ("env", "algo")  # whose choice may be path/to/file.py:Class
+OWN = "own"  # the choice that stands for it
+PATHS = ("run_dir", "resume")  # whose value is taken as it is, whatever letters it has
+MOST_JOBS = 10_000  # of -m
+HELP = "python train.py --help"  # which lists groups, choices and settings
+# Of Hydra's own settings those that a run with -m heeds; the group -> the choices that an
+# installation adds, and how.
+HYDRA_GROUPS = {
+    "hydra/launcher": dict.fromkeys(("submitit_local", "submitit_slurm"), "-e '.[slurm]'"),
+    "hydra/sweeper": {"optuna": "hydra-optuna-sweeper"},
+}
+
+
+def configs() -> Path:
+    """Return the folder of settings, which a wheel brings as well."""
+    return Path(hitmdp_jax.__file__).parent / "configs"
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser of flags, of a command that reads runs, that says what is wrong as all of them do.
+
+    Args:
+      **arguments: as `argparse.ArgumentParser`.
+    """
+
+    def __init__(self, **arguments: Any):
+        super().__init__(**arguments)
+        self.add_argument("--trust", action="store_true", help="run the files that a run names")
+
+    def error(self, message: str) -> NoReturn:
+        """Raise UsageError, of which `guarded` makes one sentence."""
+        kind, _, arguments = message.partition(": ")
+        if kind == "unrecognized arguments" and arguments.startswith("-"):
+            flag = arguments.split()[0].split("=")[0]
+            raise unknown_name("flag", flag, self._option_string_actions)
+        raise UsageError(f"{message[0].upper()}{message[1:]}; --help lists what can be given.")
+
+
+class Settings:
+    """The settings of one command line, read and checked.
+
+    Args:
+      arguments: `name=value`; flags (`-m`, `--help`) are Hydra's own and left alone.
+      multirun: whether a value may be a list of choices, `a,b`, for one run each.
+
+    Raises:
+      UsageError: an argument cannot be read, or names no setting or no choice of a group.
+    """
+
+    def __init__(self, arguments: Sequence[str], multirun: bool = False):
+        self.folder = configs()
+        self.groups = {p.name: _choices(p) for p in self.folder.iterdir() if p.is_dir()}
+        parsed = [_parse(_literal(text, multirun)) for text in arguments]
+        _check_form(parsed, multirun)
+        own = {o.key_or_group for o in parsed if _is_own(o)}
+        self.overrides: list[str] = []  # as Hydra reads them
+        names = []
+        for override in parsed:
+            name = override.get_key_element().lstrip("+~")
+            text = override.input_line or ""
+            if name in own:
+                paths = [quoted(plugins.absolute(choice)) for choice in _listed(override)]
+                self.overrides += [f"{name}={OWN}", f"++{name}.name={','.join(paths)}"]
+            elif name.split(".")[0] in own:
+                self.overrides.append(f"++{text.lstrip('+')}")
+            else:
+                self.overrides.append(text)
+                names.append((name, override))
+        self._check(names, multirun)
+
+    def _check(self, names: list[tuple[str, Override]], multirun: bool) -> None:
+        values, groups = [], self.groups
+        for name, override in names:
+            if name.startswith("hydra"):
+                self._check_hydra(name, override, multirun)
+            elif name not in groups:
+                values.append(name)
+            else:
+                for choice in _listed(override):
+                    if choice not in groups[name]:
+                        kind = {"env": "environment"}.get(name, name)
+                        raise unknown_name(kind, choice, groups[name], listed=HELP)
+        chosen = [o for o in self.overrides if _parse(o).get_key_element().lstrip("+~") in groups]
+        known = [name for job in _product(chosen) for name in self.names(job)]
+        for name in values:
+            if name not in known:
+                raise unknown_name("setting", name, {*known, *groups}, listed=HELP)
+
+    def _check_hydra(self, name: str, override: Override, multirun: bool) -> None:
+        """Let through what decides how the jobs of -m run; nothing else of Hydra's has a say."""
+        of_group = any(name.startswith(group.replace("/", ".") + ".") for group in HYDRA_GROUPS)
+        if not multirun or override.is_add() or not (of_group or name in HYDRA_GROUPS):
+            instead = " run_dir= names the folder." if name.endswith(".dir") else ""
+            raise UsageError(
+                f"'{name}' has no say here: of Hydra's own settings, -m takes hydra/launcher, "
+                f"hydra/sweeper and what belongs to them.{instead}"
+            )
+        if name in HYDRA_GROUPS:
+            with hydra.initialize_config_dir(str(self.folder.absolute()), version_base="1.3"):
+                known = GlobalHydra.instance().config_loader().get_group_options(name)
+            for choice in set(_listed(override)) - set(known):
+                if package := HYDRA_GROUPS[name].get(choice):
+                    raise UsageError(f"{name}={choice} is not installed: pip install {package}.")
+                raise unknown_name(name, choice, {*known, *HYDRA_GROUPS[name]})
+
+    def jobs(self) -> list[list[str]]:
+        """Return the overrides of every run: one, or one for each combination of listed values.
+
+        Of a range, from which a sweeper such as Optuna's draws, the two ends stand for all.
+        """
+        return _product(self.overrides)
+
+    def swept(self) -> list[str]:
+        """Return the names of the settings that list several values."""
+        parsed = map(_parse, self.overrides)
+        return [o.get_key_element() for o in parsed if o.is_sweep_override()]
+
+    def values(self, job: Sequence[str] | None = None) -> dict[str, Any]:
+        """Return every setting of a job by name, interpolations resolved.
+
+        Raises:
+          UsageError: Hydra cannot compose them.
+        """
+        return self._compose(self.overrides if job is None else job)
+
+    def config(self, job: Sequence[str] | None = None, trust: bool = True) -> RunConfig:
+        """Return a job's validated settings; `trust` and Raises as `run_config`."""
+        return run_config(self.values(job), trust)
+
+    def names(self, job: Sequence[str]) -> list[str]:
+        """Return the names of a job's settings."""
+        return _dotted(self._compose(job))
+
+    def _compose(self, overrides: Sequence[str]) -> dict[str, Any]:
+        return copy.deepcopy(_composed(self.folder.absolute(), tuple(overrides)))
+
+
+@functools.lru_cache(maxsize=64)  # a command line asks for the same settings several times
+def _composed(folder: Path, overrides: tuple[str, ...]) -> dict[str, Any]:
+    with hydra.initialize_config_dir(str(folder), version_base="1.3"):
+        try:
+            composed = hydra.compose("config", overrides=list(overrides))
+            values = OmegaConf.to_container(composed, resolve=True)
+        except (HydraException, OmegaConfBaseException) as error:
+            sentence = " ".join(str(error).split())  # + is for what does not exist
+            raise UsageError(sentence.partition(" To append to your config")[0]) from error
+    assert isinstance(values, dict)
+    return {str(name): x for name, x in values.items()}
+
+
+def writable(name: str, path: Path, within: str = "") -> Path:
+    """Return a path that is to be written after hours of work, having made sure now that it can be.
+
+    Args:
+      name: the setting or flag that names it.
+      path: a file or, of a folder, what `within` is a file of.
+      within: the file's name.
+
+    Raises:
+      UsageError: it cannot be written.
+    """
+    try:
+        check_replaceable(path / within)
+    except NotADirectoryError:
+        raise UsageError(f"{name} = {path} cannot be written: a file is in its way.") from None
+    except OSError as error:
+        raise UsageError(f"{name} = {path} cannot be written: {error.strerror}.") from None
+    return path
+
+
+def run_config(values: dict[str, Any], trust: bool = True) -> RunConfig:
+    """Return a run's validated settings among a command line's values.
+
+    Args:
+      values: every setting by name.
+      trust: run the files that they name, and remember that this user's command line named them.
+
+    Raises:
+      UsageError: as `RunConfig.from_mapping`.
+    """
+    if trust:
+        trust_named(values, remember=True)
+    return RunConfig.from_mapping({k: v for k, v in values.items() if k not in HOST_SETTINGS})
+
+
+def folder_setting(values: dict[str, Any], name: str = "run_dir") -> Path | None:
+    """Return a folder that was named, or None.
+
+    Raises:
+      UsageError: the name is empty, or no name.
+    """
+    value = values.get(name)
+    if value is None:
+        return None
+    named = isinstance(value, str | int | float) and not isinstance(value, bool)
+    if not named or not str(value).strip():
+        raise UsageError(f"{name} = {value!r} names no folder.")
+    try:
+        str(value).encode()
+    except UnicodeEncodeError:  # whatever writes checkpoints takes no other names
+        raise UsageError(
+            f"{name} = {value!a} cannot be read as UTF-8 here: set LC_ALL=C.UTF-8, or name "
+            "another folder."
+        ) from None
+    try:
+        return Path(str(value)).expanduser()
+    except RuntimeError:
+        raise UsageError(f"{name} = {value} begins with the home of an unknown user.") from None
+
+
+def flag_setting(values: dict[str, Any], name: str) -> bool:
+    """Return a setting that is true or false.
+
+    Raises:
+      UsageError: it is neither.
+    """
+    value = values.get(name, False)
+    if not isinstance(value, bool):
+        raise out_of_domain(name, value, "true or false")
+    return value
+
+
+def quoted(value: str) -> str:
+    """Return a value as Hydra reads it letter for letter, such as a path with a space or a comma.
+
+    What is quoted already, and `null`, stays as it is.
+    """
+    if value in ("", "null") or re.fullmatch(r"'.*'|\".*\"", value, re.DOTALL):
+        return value
+    return "'" + re.sub(r"(\\*)('|$)", lambda m: 2 * m[1] + (m[2] and "\\'"), value) + "'"
+
+
+def _literal(text: str, multirun: bool) -> str:
+    """Return an argument in which a path is quoted, but for a list of them that -m takes."""
+    name, _, value = text.partition("=")
+    is_path = name in PATHS or (name in OWN_GROUPS and plugins.is_own(value))
+    listed = value in ("true", "false") or (multirun and "," in value)
+    return f"{name}={quoted(value)}" if is_path and not listed else text
+
+
+def _parse(text: str) -> Override:
+    wrong = UsageError(f"'{text}' is not of the form name=value, e.g. env=halfcheetah.")
+    try:
+        override = OverridesParser.create().parse_override(text)
+    except HydraException:
+        raise wrong from None
+    if not override.key_or_group or override.is_delete():  # every setting is needed
+        raise wrong
+    return override
+
+
+def _check_form(parsed: Sequence[Override], multirun: bool) -> None:
+    """Raise UsageError where a setting is given twice, or has several values without -m."""
+    given: dict[str, Override] = {}
+    for override in parsed:
+        name, text = override.get_key_element().lstrip("+~"), override.input_line
+        if name in given:
+            raise UsageError(f"'{given[name].input_line}' and '{text}' set {name} twice.")
+        if override.is_sweep_override() and not multirun:
+            raise UsageError(f"'{text}' lists several values: add -m to run one after the other.")
+        if override.value_type is ValueType.GLOB_CHOICE_SWEEP:
+            raise UsageError(f"'{text}' is a pattern: list the choices, as {name}=a,b.")
+        given[name] = override
+    swept = given["sweep"].value() if "sweep" in given else None
+    for name in set(swept if isinstance(swept, dict) else ()) & set(given):
+        raise UsageError(f"'{given[name].input_line}' has no say: sweep= gives {name} its values.")
+
+
+def _is_own(override: Override) -> bool:
+    """Return whether a group's choice is a file and a class of it, or all of several choices.
+
+    Raises:
+      UsageError: some are, and others are not.
+    """
+    if override.key_or_group not in OWN_GROUPS:
+        return False
+    for choice in _listed(override):
+        plugins.require_class(choice)
+    own = [plugins.is_own(choice) for choice in _listed(override)]
+    if any(own) and not all(own):
+        raise UsageError(
+            f"'{override.input_line}' lists files of your own beside other names: run -m for each "
+            "kind."
+        )
+    return all(own)
+
+
+def _listed(override: Override) -> list[str]:
+    """Return the values that a setting lists, its only one otherwise."""
+    if override.is_sweep_override() and not override.is_interval_sweep():
+        elements = override.sweep_iterator(Transformer.identity)
+        return [x.text if isinstance(x, QuotedString) else str(x) for x in elements]
+    return [str(override.value())]
+
+
+def _product(overrides: Sequence[str]) -> list[list[str]]:
+    """Return one list of overrides for each combination of listed values.
+
+    Raises:
+      UsageError: there are more than anyone would run.
+    """
+    lists = []
+    for override in map(_parse, overrides):
+        key, text = override.get_key_element(), override.input_line or ""
+        swept = override.is_sweep_override()
+        if override.is_interval_sweep():
+            ends: Any = override.value()
+            lists.append([f"{key}={ends.start}", f"{key}={ends.end}"])
+        elif swept:
+            values = itertools.islice(override.sweep_string_iterator(), MOST_JOBS + 1)
+            lists.append([f"{key}={x}" for x in values])
+        else:
+            lists.append([text])
+    if math.prod(map(len, lists)) > MOST_JOBS:
+        raise UsageError(f"-m lists more than {MOST_JOBS:,} jobs.")
+    return [list(job) for job in itertools.product(*lists)]
+
+
+def _choices(group: Path) -> list[str]:
+    names = [str(p.relative_to(group).with_suffix("")) for p in group.rglob("*.yaml")]
+    return [name for name in names if name != OWN]  # which only a path stands for
+
+
+def _dotted(tree: Any, prefix: str = "") -> list[str]:
+    if not isinstance(tree, dict):
+        return [prefix]
+    return [
+        name for key, x in tree.items() for name in _dotted(x, f"{prefix}.{key}" if prefix else key)
+    ]

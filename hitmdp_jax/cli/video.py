@@ -1,0 +1,184 @@
+"""Film a trained run: `python -m hitmdp_jax video RUN_DIR --episodes 3`.
+
+Writes an MP4 of the episodes, one after the other, and beside it a filmstrip of the first one: what
+the body does under each option.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from hitmdp_jax import plugins
+from hitmdp_jax.cli.evaluate import SEED_OFFSET
+from hitmdp_jax.cli.guard import guarded
+from hitmdp_jax.cli.policies import add_choice, load_chosen
+from hitmdp_jax.cli.settings import Parser, writable
+from hitmdp_jax.envs import check_env, make_env
+from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.errors import UsageError, warn
+from hitmdp_jax.interpret.episodes import record
+from hitmdp_jax.interpret.evaluation import check_episodes, check_fit
+from hitmdp_jax.physics import find_engine
+from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.folder import CONFIG, VIDEOS, made, subfolder, write
+from hitmdp_jax.runs.host import set_up_host
+from hitmdp_jax.runs.interrupt import StopRequest
+from hitmdp_jax.runs.run import Run
+from hitmdp_jax.runs.sinks import Values
+from hitmdp_jax.runs.sinks.tensorboard import write_pictures
+
+ERRORS = "errors.txt"
+ENGINE = "native"  # of videos during a run: the first to be ready
+
+
+def main() -> None:
+    """Run the command line."""
+    guarded(_main)
+
+
+def _main() -> None:
+    parser = Parser(prog="python -m hitmdp_jax video", description=__doc__)
+    add_choice(parser)
+    parser.add_argument("--episodes", type=int, default=3, help="how many (3)")
+    parser.add_argument("--out", type=Path, help="an .mp4, or a folder; RUN_DIR/videos")
+    parser.add_argument("--engine", default=None, help="native, mjx or warp; the run's own")
+    parser.add_argument("--deterministic", action="store_true", help="do not sample")
+    parser.add_argument(
+        "--tensorboard", action="store_true", help="events of both beside the video"
+    )
+    options = parser.parse_args()
+    check_episodes(options.episodes)
+    config = RunConfig.load(options.run_dir, options.trust)
+    engine = config.physics if options.engine is None else options.engine
+    find_engine(engine).check()
+    check_filming(config)
+    set_up_host(engine, options.episodes)
+    choice = load_chosen(options)
+    out = options.out or subfolder(options.run_dir, VIDEOS)
+    path = out if out.suffix == ".mp4" else out / f"{choice.name}.mp4"
+    strip = path.with_suffix(".png")
+    for file in (path, strip):
+        writable("--out", file)
+    made(path.parent)
+    env: Any = make_env(**choice.task, physics=engine)
+    check_fit(choice.policy, env)
+    key = jax.random.key(choice.training.seed + SEED_OFFSET)
+    how = {"deterministic": options.deterministic, "physics": True}
+    recorded = jax.device_get(record(choice.policy, env, key, options.episodes, **how))
+    for total, steps in zip(recorded.returns, recorded.lengths, strict=True):
+        print(f"An episode of {steps:,} steps, return {total:,.1f}.")
+    from hitmdp_jax.figures.curves import pixels, save
+    from hitmdp_jax.video.film import animated, filmstrip, write_video
+
+    write_video(path, env, recorded)
+    title = f"{choice.config.title}, {choice.training.name}, {choice.env_steps:,} env steps"
+    figure = filmstrip(env, recorded, title=title)
+    save(figure, strip, dpi=100)
+    if options.tensorboard:
+        shown = {"filmstrip": pixels(figure), "video": animated(path)}
+        write_pictures(path.parent, shown, choice.env_steps)
+    print(f"Saved {path}, and {strip.name} beside it.")
+
+
+def check_filming(config: RunConfig) -> None:
+    """Check, before anything is compiled, that a run's tasks can be filmed on this machine.
+
+    Raises:
+      UsageError: saying what is missing.
+    """
+    # What draws takes a second to import, which `train.py` may do without.
+    from hitmdp_jax.video.film import require_ffmpeg
+    from hitmdp_jax.video.rendering import check_drawing
+
+    if not config.tasks:
+        raise UsageError("The run was saved from Python and names no task.")
+    for task in config.tasks:
+        constructor = check_env(**task)
+        if not isinstance(constructor, type) or not issubclass(constructor, MujocoEnv):
+            name = plugins.label(task["name"])
+            raise UsageError(f"{name} cannot be filmed: it has no MuJoCo model.")
+    require_ffmpeg()
+    check_drawing()
+
+
+class Videos:
+    """Films the first training's policy while a run goes on, in processes of their own.
+
+    A process gets a copy of what was learned, MuJoCo C and the CPU, so that it neither waits for
+    the run's checkpoints nor takes memory of its accelerator. While one is at work no other is
+    started: a video that falls due meanwhile is left out. At the run's end the last one is waited
+    for, unless a signal asks to stop.
+
+    Args:
+      config: the run's settings, `video_every` among them.
+      run_dir: the run's folder; videos and filmstrips lie in its `videos/`, by environment steps.
+    """
+
+    names = ()
+
+    def __init__(self, config: RunConfig, run_dir: Path):
+        self.every = config.video_every
+        self._run_dir = run_dir
+        self._process: subprocess.Popen[bytes] | None = None
+        self._copy = tempfile.TemporaryDirectory(prefix="hitmdp_jax_")
+
+    def __call__(self, run: Run, progress: Progress) -> Values:
+        """Start a video, and return no metric."""
+        env_steps = run.config.steps_after(progress.iteration)
+        if self._at_work():
+            warn(f"no video of {env_steps:,} env steps: the one before is not finished")
+            return {}
+        try:
+            self._start(run, progress, env_steps)
+        except OSError as error:  # a full disk ends no training
+            warn(f"no video of {env_steps:,} env steps: {error}")
+        return {}
+
+    def close(self, stop: StopRequest) -> None:
+        """Wait for the video under way until it is finished or a signal asks to stop."""
+        if self._at_work() and not stop.requested:
+            print("Waiting for the last video.", flush=True)
+        while self._at_work() and not stop.requested:
+            time.sleep(0.1)
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        self._copy.cleanup()
+
+    def _start(self, run: Run, progress: Progress, env_steps: int) -> None:
+        self._copy.cleanup()
+        self._copy = tempfile.TemporaryDirectory(prefix="hitmdp_jax_")
+        copy = Path(self._copy.name)
+        write(copy / CONFIG, run.config.to_yaml())
+        checkpoints = Checkpoints(copy)
+        checkpoints.save(run.saved(progress))
+        checkpoints.close()
+        out = subfolder(self._run_dir, VIDEOS) / f"{env_steps}.mp4"
+        command = [sys.executable, "-m", "hitmdp_jax", "video", str(copy), "--out", str(out)]
+        with (copy / ERRORS).open("w") as errors:
+            self._process = subprocess.Popen(
+                [*command, "--trust", "--episodes=1", f"--engine={ENGINE}", "--tensorboard"],
+                env=os.environ | {"JAX_PLATFORMS": "cpu"},
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                start_new_session=True,  # a terminal's Ctrl-C is the training's to answer
+            )
+
+    def _at_work(self) -> bool:
+        """Return whether a video is being made; tell of one that failed."""
+        if self._process is None:
+            return False
+        code = self._process.poll()
+        if code:
+            lines = (Path(self._copy.name) / ERRORS).read_text().strip().splitlines()
+            warn("a video could not be made: " + "".join(lines[-1:]).removeprefix("error: "))
+        if code is not None:
+            self._process = None
+        return code is None

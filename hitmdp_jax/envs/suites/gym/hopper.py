@@ -1,0 +1,112 @@
+"""Hopper: a planar one-legged hopper (Erez, Tassa & Todorov 2011), as Gymnasium defines it."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+
+from hitmdp_jax.envs.assets import load_gymnasium_model
+from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.suites.gym.health import Health, within
+from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
+from hitmdp_jax.physics import PhysicsChoice, PhysicsState
+
+FRAME_SKIP = 4  # substeps of 0.002 s, RK4
+ROOT_X, ROOT_Z, ROOT_PITCH = 0, 1, 2  # qpos: horizontal position (m), height (m), angle (rad)
+MAX_OBSERVED_VELOCITY = 10.0  # m/s or rad/s
+
+# One control step errs by 6.5e-7 in qpos with 3 and 2 iterations as with 100 and 50, by 3e-4 with 2
+# and 2. One iteration is to spare: random actions do not visit every state, and a converged solver
+# does not use it.
+MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2)
+
+
+class Hopper(MujocoEnv):
+    """Hop forward: reward is forward velocity (m/s) plus 1 for being healthy less a control cost.
+
+    Observation [11]: torso height (m) and pitch (rad), three joint angles (rad), then the six
+    generalised velocities clipped to [-10, 10]. Action [3]: torques on thigh, leg and foot in
+    [-1, 1]. The hopper is healthy while its height, pitch and every other coordinate and velocity
+    lie inside their ranges; the episode terminates when it is not. The time limit is 1000 steps of
+    0.008 s.
+
+    Args:
+      physics: the engine; see `MujocoEnv`.
+      version: "v5", or "v4", which also pays the healthy reward for the step that ends the episode.
+      forward_reward_weight: weight of the forward velocity.
+      ctrl_cost_weight: weight of the squared action.
+      healthy_reward: reward of a healthy step.
+      terminate_when_unhealthy: whether the episode ends there.
+      healthy_state_range: open interval for qpos[2:] and qvel.
+      healthy_z_range: open interval for the torso's height, m.
+      healthy_angle_range: open interval for the torso's pitch, rad.
+      reset_noise_scale: half-width of the uniform noise on qpos and qvel.
+      exclude_current_positions_from_observation: leave the torso's x out of the observation.
+      hide_velocities: leave the velocities out of the observation [5].
+    """
+
+    reward_terms = ("reward_forward", "reward_ctrl", "reward_survive")
+
+    def __init__(
+        self,
+        physics: PhysicsChoice = "mjx",
+        version: str = "v5",
+        *,
+        forward_reward_weight: float = 1.0,
+        ctrl_cost_weight: float = 1e-3,
+        healthy_reward: float = 1.0,
+        terminate_when_unhealthy: bool = True,
+        healthy_state_range: tuple[float, float] = (-100.0, 100.0),
+        healthy_z_range: tuple[float, float] = (0.7, math.inf),
+        healthy_angle_range: tuple[float, float] = (-0.2, 0.2),
+        reset_noise_scale: float = 5e-3,
+        exclude_current_positions_from_observation: bool = True,
+        hide_velocities: bool = False,
+    ):
+        model = load_gymnasium_model("hopper.xml")
+        super().__init__(model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
+        self._forward_reward_weight = forward_reward_weight
+        self._ctrl_cost_weight = ctrl_cost_weight
+        self._health = Health(healthy_reward, terminate_when_unhealthy, version)
+        self._healthy_state_range = healthy_state_range
+        self._healthy_z_range = healthy_z_range
+        self._healthy_angle_range = healthy_angle_range
+        self._reset_noise_scale = reset_noise_scale
+        self._first_position = 1 if exclude_current_positions_from_observation else 0
+        self._observed_velocities = 0 if hide_velocities else model.nv
+
+    def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Draw qpos and qvel uniformly around the standing pose."""
+        return uniform_around_rest(self.model, key, self._reset_noise_scale)
+
+    def observation(self, data: PhysicsState) -> jax.Array:
+        """Return positions and clipped velocities."""
+        velocity = data.qvel[: self._observed_velocities]
+        velocity = jnp.clip(velocity, -MAX_OBSERVED_VELOCITY, MAX_OBSERVED_VELOCITY)
+        return jnp.concatenate([data.qpos[self._first_position :], velocity])
+
+    def reward(
+        self, before: PhysicsState, after: PhysicsState, action: jax.Array
+    ) -> tuple[jax.Array, dict[str, jax.Array]]:
+        """Return forward velocity plus the healthy reward less control cost."""
+        forward = self._forward_reward_weight * after.displacement[ROOT_X] / self.dt
+        ctrl = -self._ctrl_cost_weight * jnp.sum(action**2)
+        survive = self._health.survive_reward(self.healthy(after))
+        return forward + ctrl + survive, {
+            "reward_forward": forward,
+            "reward_ctrl": ctrl,
+            "reward_survive": survive,
+        }
+
+    def healthy(self, data: PhysicsState) -> jax.Array:
+        """Return whether height, pitch and the remaining state lie inside their ranges."""
+        rest = jnp.concatenate([data.qpos[ROOT_PITCH:], data.qvel])
+        return (
+            within(rest, self._healthy_state_range)
+            & within(data.qpos[ROOT_Z], self._healthy_z_range)
+            & within(data.qpos[ROOT_PITCH], self._healthy_angle_range)
+        )
+
+    def terminated(self, data: PhysicsState) -> jax.Array:
+        """Return whether the hopper became unhealthy."""
+        return self._health.ends(self.healthy(data))

@@ -1,0 +1,132 @@
+"""Humanoid: a three-dimensional biped (Tassa, Erez & Todorov 2012), as Gymnasium defines it."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+
+from hitmdp_jax.envs.assets import load_gymnasium_model
+from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.suites.gym.health import Health, within
+from hitmdp_jax.envs.suites.gym.humanoid_body import ROOT_Z, HumanoidSenses
+from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
+from hitmdp_jax.physics import PhysicsChoice, PhysicsState
+
+FRAME_SKIP = 5  # substeps of 0.003 s, RK4
+CONTACT_COST_WEIGHT = 5e-7
+
+# One control step errs by 1.1e-5 in qpos with 6 and 4 iterations as with 100 and 50, by 2e-4 with 5
+# and 4, by 1e-3 with 100 and 2. One iteration is to spare.
+MJX_BUDGET = SolverBudget(iterations=7, ls_iterations=4, contacts=12)
+
+
+class Humanoid(MujocoEnv):
+    """Walk along x: reward is the mass centre's velocity (m/s), plus 5 for health, less costs.
+
+    Observation [348]: torso height (m) and orientation (quaternion), seventeen joint angles (rad),
+    the 23 generalised velocities, then of each of the thirteen bodies its inertia (10), velocity
+    (6) and, after the seventeen actuator torques, external torque and force (6). Action [17]:
+    torques in [-0.4, 0.4], abdomen to elbows. The humanoid is healthy while its height lies inside
+    its range; the episode terminates when it is not. The time limit is 1000 steps of 0.015 s.
+
+    Args:
+      physics: the engine; see `MujocoEnv`. MJX solves contacts by Newton, MuJoCo C by PGS.
+      version: "v5", or "v4", which observes constant zeros too [376; see `HumanoidSenses`], has no
+        contact cost and also pays the healthy reward for the step that ends the episode.
+      forward_reward_weight: weight of the forward velocity.
+      ctrl_cost_weight: weight of the squared action.
+      contact_cost_weight: weight of the squared contact forces; None: 5e-7 in v5, 0 in v4.
+      contact_cost_range: the weighted contact cost is clipped to it.
+      healthy_reward: reward of a healthy step.
+      terminate_when_unhealthy: whether the episode ends there.
+      healthy_z_range: open interval for the torso's height, m.
+      reset_noise_scale: half-width of the uniform noise on qpos and qvel.
+      exclude_current_positions_from_observation: leave the torso's x and y out of the observation.
+      include_cinert_in_observation: observe the bodies' inertias.
+      include_cvel_in_observation: observe the bodies' velocities.
+      include_qfrc_actuator_in_observation: observe the actuator torques.
+      include_cfrc_ext_in_observation: observe the external forces.
+    """
+
+    reward_terms = ("reward_survive", "reward_forward", "reward_ctrl", "reward_contact")
+
+    def __init__(
+        self,
+        physics: PhysicsChoice = "mjx",
+        version: str = "v5",
+        *,
+        forward_reward_weight: float = 1.25,
+        ctrl_cost_weight: float = 0.1,
+        contact_cost_weight: float | None = None,
+        contact_cost_range: tuple[float, float] = (-math.inf, 10.0),
+        healthy_reward: float = 5.0,
+        terminate_when_unhealthy: bool = True,
+        healthy_z_range: tuple[float, float] = (1.0, 2.0),
+        reset_noise_scale: float = 1e-2,
+        exclude_current_positions_from_observation: bool = True,
+        include_cinert_in_observation: bool = True,
+        include_cvel_in_observation: bool = True,
+        include_qfrc_actuator_in_observation: bool = True,
+        include_cfrc_ext_in_observation: bool = True,
+    ):
+        if contact_cost_weight is None:
+            contact_cost_weight = CONTACT_COST_WEIGHT if version == "v5" else 0.0
+        self._senses = HumanoidSenses(
+            version=version,
+            positions=not exclude_current_positions_from_observation,
+            cinert=include_cinert_in_observation,
+            cvel=include_cvel_in_observation,
+            qfrc_actuator=include_qfrc_actuator_in_observation,
+            cfrc_ext=include_cfrc_ext_in_observation,
+        )
+        fields = {"xipos", *self._senses.fields} | ({"cfrc_ext"} if contact_cost_weight else set())
+        model = load_gymnasium_model("humanoid.xml")
+        super().__init__(model, FRAME_SKIP, physics, sorted(fields), MJX_BUDGET)
+        self._forward_reward_weight = forward_reward_weight
+        self._ctrl_cost_weight = ctrl_cost_weight
+        self._contact_cost_weight = contact_cost_weight
+        self._contact_cost_range = contact_cost_range
+        self._health = Health(healthy_reward, terminate_when_unhealthy, version)
+        self._healthy_z_range = healthy_z_range
+        self._reset_noise_scale = reset_noise_scale
+
+    def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Draw qpos and qvel uniformly around the standing pose."""
+        return uniform_around_rest(self.model, key, self._reset_noise_scale)
+
+    def observation(self, data: PhysicsState) -> jax.Array:
+        """Return positions, velocities and what the body feels."""
+        return self._senses.observation(data)
+
+    def reward(
+        self, before: PhysicsState, after: PhysicsState, action: jax.Array
+    ) -> tuple[jax.Array, dict[str, jax.Array]]:
+        """Return forward velocity plus the healthy reward less control and contact costs."""
+        distance = self._mass_centre_x(after) - self._mass_centre_x(before)
+        forward = self._forward_reward_weight * distance / self.dt
+        ctrl = -self._ctrl_cost_weight * jnp.sum(action**2)
+        contact = jnp.zeros(())
+        if self._contact_cost_weight:
+            cost = self._contact_cost_weight * jnp.sum(after["cfrc_ext"] ** 2)
+            contact = -jnp.clip(cost, *self._contact_cost_range)
+        survive = self._health.survive_reward(self.healthy(after))
+        return forward + ctrl + contact + survive, {
+            "reward_survive": survive,
+            "reward_forward": forward,
+            "reward_ctrl": ctrl,
+            "reward_contact": contact,
+        }
+
+    def healthy(self, data: PhysicsState) -> jax.Array:
+        """Return whether the height lies inside its range."""
+        return within(data.qpos[ROOT_Z], self._healthy_z_range)
+
+    def terminated(self, data: PhysicsState) -> jax.Array:
+        """Return whether the humanoid became unhealthy."""
+        return self._health.ends(self.healthy(data))
+
+    def _mass_centre_x(self, data: PhysicsState) -> jax.Array:
+        """Return the x of the whole body's centre of mass, m."""
+        shares = self.model.body_mass / self.model.body_mass.sum()
+        # Not a dot product, which accelerators round to fewer digits than a velocity needs.
+        return jnp.sum(shares * data["xipos"][:, 0])

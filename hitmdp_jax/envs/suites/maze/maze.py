@@ -1,0 +1,96 @@
+"""`MazeEnv`: what mazes have in common whichever robot is in them."""
+
+import abc
+from typing import Any, ClassVar, Literal
+
+import jax
+import jax.numpy as jnp
+from brax.envs.base import State
+
+from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.suites.maze.maps import Maze
+from hitmdp_jax.physics import PhysicsState
+
+POSITION = slice(0, 2)  # qpos: the robot's x and y, m
+GOAL = slice(-2, None)  # qpos: the goal's
+NEAR = 0.45  # m: the goal is reached within this distance
+NOISE = 0.25  # of a cell's width: start and goal lie that far from a cell's centre, along x and y
+
+RewardType = Literal["sparse", "dense"]
+
+
+class MazeEnv(MujocoEnv):
+    """Reach the goal, which is elsewhere in every episode, as in Gymnasium-Robotics.
+
+    The observation is proprioception, the robot's x and y and the goal's (m): Gymnasium-Robotics'
+    dictionary of `observation`, `achieved_goal` and `desired_goal` in one array, in that order.
+
+    `state.metrics["success"]` is 1 from the step on in which an episode reached its goal.
+
+    Args:
+      reward_type: "sparse" pays 1 for every step that ends at the goal, "dense" exp(-distance).
+      continuing_task: go on at the goal, which stays where it is, to the time limit; else the
+        episode terminates there.
+      **kwargs: further arguments of `MujocoEnv`.
+    """
+
+    reward_terms = ("reward_goal",)
+    maze: ClassVar[Maze]
+
+    def __init__(self, reward_type: RewardType, continuing_task: bool, **kwargs: Any):
+        super().__init__(**kwargs)
+        self._dense = reward_type == "dense"
+        self._continuing_task = continuing_task
+
+    @abc.abstractmethod
+    def proprioception(self, data: PhysicsState) -> jax.Array:
+        """Return what the robot feels of itself."""
+
+    def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Draw two cells and a place in each: the robot at rest, and the goal."""
+        key_cells, key_places = jax.random.split(key)
+        free = jnp.asarray(self.maze.free, jnp.float32)
+        cells = jax.random.choice(key_cells, free, (2,), replace=False)
+        noise = jax.random.uniform(key_places, (2, 2), jnp.float32, minval=-NOISE, maxval=NOISE)
+        start, goal = cells + self.maze.cell * noise
+        qpos = jnp.asarray(self.model.qpos0, jnp.float32)
+        qpos = qpos.at[POSITION].set(start).at[GOAL].set(goal)
+        return qpos, jnp.zeros(self.model.nv)
+
+    def reset_to(self, qpos: jax.Array, qvel: jax.Array) -> State:
+        """Start an episode from given coordinates; the goal's end both qpos [nq] and qvel [nv]."""
+        return _with_success(super().reset_to(qpos, qvel), jnp.zeros((), jnp.float32))
+
+    def step(self, state: State, action: jax.Array) -> State:
+        """Advance one control step; see `MujocoEnv.step`."""
+        after = super().step(state, action)
+        data = after.pipeline_state
+        assert isinstance(data, PhysicsState)
+        return _with_success(after, jnp.maximum(state.metrics["success"], self._at_goal(data)))
+
+    def observation(self, data: PhysicsState) -> jax.Array:
+        """Return proprioception, place and goal."""
+        return jnp.concatenate([self.proprioception(data), data.qpos[POSITION], data.qpos[GOAL]])
+
+    def reward(
+        self, before: PhysicsState, after: PhysicsState, action: jax.Array
+    ) -> tuple[jax.Array, dict[str, jax.Array]]:
+        """Return what being near the goal is worth."""
+        dense = jnp.exp(-self._distance(after))
+        reward = dense if self._dense else self._at_goal(after).astype(jnp.float32)
+        return reward, {"reward_goal": reward}
+
+    def terminated(self, data: PhysicsState) -> jax.Array:
+        """Return whether the goal is reached and ends the episode."""
+        return self._at_goal(data) & (not self._continuing_task)
+
+    def _distance(self, data: PhysicsState) -> jax.Array:
+        return jnp.linalg.norm(data.qpos[POSITION] - data.qpos[GOAL])
+
+    def _at_goal(self, data: PhysicsState) -> jax.Array:
+        return self._distance(data) <= NEAR
+
+
+def _with_success(state: State, success: jax.Array) -> State:
+    metrics = state.metrics | {"success": success}
+    return state.replace(metrics=metrics)  # pyright: ignore[reportAttributeAccessIssue]

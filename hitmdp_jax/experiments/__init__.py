@@ -1,0 +1,1 @@
+"""Many trainings compared: arms, statistics, tables and published results."""

@@ -1,0 +1,1 @@
+"""Policies as programs of their own."""

@@ -1,0 +1,210 @@
+"""A policy as a program of its own, in ONNX or StableHLO, and the contract of its use."""
+
+import importlib.metadata
+import importlib.util
+import logging
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.export
+import jax.numpy as jnp
+import numpy as np
+from brax.envs.base import Env
+
+from hitmdp_jax.envs.base import has_model
+from hitmdp_jax.errors import UsageError, missing_extra, unknown_name
+from hitmdp_jax.export.draws import without_key
+from hitmdp_jax.interpret.names import names_of
+from hitmdp_jax.runs.policy import Policy
+
+FORMATS = ("onnx", "stablehlo")
+PLATFORMS = ("cpu", "cuda")  # of a StableHLO program
+BATCH = "batch"  # the first axis of whatever goes in and comes out; of any length
+SCHEMA = 1  # of the contract
+
+
+class Program(NamedTuple):
+    """A policy as a function of arrays, each with a batch axis in front."""
+
+    function: Callable[..., list[jax.Array]]
+    inputs: dict[str, jax.ShapeDtypeStruct]  # by name, in order; noise last
+    outputs: dict[str, jax.ShapeDtypeStruct]
+    noise: dict[str, str]  # inputs that make a policy draw -> their distribution
+
+
+def check_format(name: str) -> None:
+    """Check that a format is known and can be written.
+
+    Raises:
+      UsageError: it is not, or cannot.
+    """
+    if name not in FORMATS:
+        raise unknown_name("format", name, FORMATS)
+    if name == "onnx" and importlib.util.find_spec("jax2onnx") is None:
+        raise missing_extra("onnx", "format onnx")
+
+
+def export(
+    policy: Policy, env: Env | None, name: str, stochastic: bool = False
+) -> tuple[bytes, dict[str, Any]]:
+    """Export a policy: the deterministic one, which takes the likeliest option and action, or not.
+
+    Args:
+      policy: what is exported.
+      env: its task; None if that is not known.
+      name: "onnx", or "stablehlo": what `jax.export.deserialize` reads.
+      stochastic: draw options and actions, by noise that the caller hands over.
+
+    Returns:
+      The file's content, and its contract, ready to be written as JSON.
+
+    Raises:
+      UsageError: the format is unknown, its extra is missing, or the policy does not fit it.
+    """
+    check_format(name)
+    program = program_of(policy, action_range(env), stochastic)
+    content, versions = {"onnx": to_onnx, "stablehlo": to_stablehlo}[name](program)
+    return content, {
+        "schema": SCHEMA,
+        "format": name,
+        **contract(program, policy, env),
+        "versions": {"hitmdp_jax": importlib.metadata.version("hitmdp-jax")} | versions,
+    }
+
+
+def program_of(policy: Policy, limits: np.ndarray | None, stochastic: bool = False) -> Program:
+    """Return the program of a policy.
+
+    It maps observations, as the task gives them, and what the policy remembers to actions, to what
+    it remembers next and, where it has options, to the options taken. It is pure: what a policy
+    would draw by its key is handed over.
+
+    Args:
+      policy: what is exported.
+      limits: the range [2, A] that actions are clipped to; None leaves them as they are.
+      stochastic: draw options and actions instead of taking the likeliest.
+
+    Raises:
+      UsageError: the policy draws something else than standard noise.
+    """
+    key = jax.random.key(0)
+    leaves, structure = jax.tree.flatten_with_path(policy.initial_memory(key))
+    obs = jax.ShapeDtypeStruct(policy.normalizer.mean.shape, jnp.float32)
+    (batch,) = jax.export.symbolic_shape(BATCH)  # of any length
+    inputs = {
+        name: jax.ShapeDtypeStruct((batch, *x.shape), x.dtype)
+        for name, x in {"obs": obs, **{_name(path): x for path, x in leaves}}.items()
+    }
+
+    def step(key: jax.Array, obs: jax.Array, *remembered: jax.Array) -> dict[str, jax.Array]:
+        memory = jax.tree.unflatten(structure, remembered)
+        agent, seen = policy.agent, policy.normalized(obs)
+        action, memory, noted = agent.act(policy.params, seen, memory, key, not stochastic)
+        if limits is not None:
+            action = jnp.clip(action, *limits)
+        option = agent.option_of(noted)
+        names = (f"next_{name}" for name in list(inputs)[1:])
+        following = dict(zip(names, jax.tree.leaves(memory), strict=True))
+        if option is None:
+            return {"action": action} | following
+        # A sum: ONNX would have one name for an option that is remembered as it is.
+        return {"action": action} | following | {"option": option + 0}
+
+    order: list[str] = []
+
+    def function(key: jax.Array, *arrays: jax.Array) -> tuple[jax.Array, ...]:
+        found = step(key, *arrays)
+        order[:] = found  # JAX would sort a dictionary's names
+        return tuple(found.values())
+
+    # Traced here: while jax2onnx traces it puts operations of its own in the place of Flax's and
+    # NumPy's, which cannot be vmapped as some networks are.
+    traced, shapes = jax.make_jaxpr(function, return_shape=True)(key, *inputs.values())
+    run, draws = without_key(traced)
+    noise = {f"noise_{i}": each for i, each in enumerate(draws)}
+    return Program(
+        run,
+        inputs | {name: each.shape for name, each in noise.items()},
+        dict(zip(order, shapes, strict=True)),
+        {name: each.distribution for name, each in noise.items()},
+    )
+
+
+def to_stablehlo(program: Program) -> tuple[bytes, dict[str, str]]:
+    """Return a program as `jax.export.deserialize` reads it, and the versions it was made by."""
+    exported = jax.export.export(jax.jit(program.function), platforms=PLATFORMS)
+    return bytes(exported(*program.inputs.values()).serialize()), {"jax": jax.__version__}
+
+
+def to_onnx(program: Program) -> tuple[bytes, dict[str, str]]:
+    """Return a program in ONNX, and the versions it was made by.
+
+    Raises:
+      UsageError: it holds an operation that jax2onnx does not know.
+    """
+    # Importing it warns of its plugins for libraries that are not used here.
+    logging.getLogger("jax2onnx").setLevel(logging.ERROR)
+    import jax2onnx
+
+    try:
+        model = jax2onnx.to_onnx(
+            program.function,
+            list(program.inputs.values()),
+            model_name="policy",
+            input_names=list(program.inputs),
+            output_names=list(program.outputs),
+        )
+    except Exception as error:  # of as many kinds as there are operations
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise UsageError(
+            f"jax2onnx cannot convert this policy ({reason[0]}); format stablehlo can."
+        ) from error
+    return model.SerializeToString(), {
+        "jax2onnx": importlib.metadata.version("jax2onnx"),
+        "opset": str(model.opset_import[0].version),
+    }
+
+
+def contract(program: Program, policy: Policy, env: Env | None) -> dict[str, Any]:
+    """Return what a caller of a program must know.
+
+    Of what the policy remembers it says what an episode starts with: `initial` is that value, or
+    one example where an episode draws it at random. Of noise it says the distribution.
+    """
+    limits = action_range(env)
+    draws = jax.vmap(policy.initial_memory)(jax.random.split(jax.random.key(0), 64))
+    initial = {
+        _name(path): {"initial": x[0].tolist(), "drawn": bool((x != x[0]).any())}
+        for path, x in jax.tree.leaves_with_path(draws)
+    }
+    names = None if env is None else names_of(env)
+    noise = {name: {"distribution": kind} for name, kind in program.noise.items()}
+    known = initial | noise
+    return {
+        "inputs": [_described(n, x) | known.get(n, {}) for n, x in program.inputs.items()],
+        "outputs": [_described(n, x) for n, x in program.outputs.items()],
+        "deterministic": not noise,
+        "observation_names": None if names is None else list(names.observations),
+        "action_names": None if names is None else list(names.actuators),
+        "action_range": None if limits is None else limits.tolist(),
+        "actions_clipped": limits is not None,
+        "control_step_seconds": getattr(env, "dt", None),
+        "option_count": getattr(policy.agent, "num_options", None),
+    }
+
+
+def action_range(env: Env | None) -> np.ndarray | None:
+    """Return the range [2, A] of a task's actions; None if it has none, or none is known."""
+    if not has_model(env) or not env.model.actuator_ctrllimited.all():
+        return None
+    return env.model.actuator_ctrlrange.T.astype(np.float32)
+
+
+def _described(name: str, x: jax.ShapeDtypeStruct) -> dict[str, Any]:
+    return {"name": name, "shape": [BATCH, *x.shape[1:]], "dtype": x.dtype.name}
+
+
+def _name(path: tuple[Any, ...]) -> str:
+    """Return what a part of the memory is called."""
+    return "_".join(["memory", *(jax.tree_util.keystr((k,), simple=True) for k in path)])

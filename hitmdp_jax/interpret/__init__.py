@@ -1,0 +1,1 @@
+"""What a trained policy does, and what its options are for."""

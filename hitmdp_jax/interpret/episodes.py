@@ -1,0 +1,212 @@
+"""Whole episodes of a policy, step by step: what figures, videos and studies read."""
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax.envs.base import Env, State
+from flax import struct
+
+from hitmdp_jax.envs import check_env
+from hitmdp_jax.envs.action_repeat import EPISODE_LENGTH, action_repeat_of, steps_taken
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.physics import PhysicsState
+from hitmdp_jax.precision import as_before, in_32_bits
+from hitmdp_jax.runs.policy import Policy
+
+COORDINATES = ("qpos", "qvel", "ctrl")
+OURS_ALONE = {
+    "hide_velocities": False,
+    "action_repeat": 1,
+}  # keywords that Gymnasium lacks, and where it agrees
+
+
+class Trajectories(struct.PyTreeNode):
+    """N whole episodes side by side, T steps long: as long as the time limit or the longest.
+
+    A step holds what the policy saw and what it did there. Steps after an episode's end are
+    padding, as `alive` says; their reward is 0, the rest of them means nothing. Of many policies at
+    once, every field has their axis in front.
+    """
+
+    obs: jax.Array  # [T, N, O] as the task gives them, not normalised
+    action: jax.Array  # [T, N, A] as drawn, before the task clips them
+    reward: jax.Array  # [T, N]
+    option: jax.Array | None  # [T, N] int, o_t; None of a policy without options
+    option_probs: jax.Array | None  # [T, N, K] P(o_t | s_t, what the policy remembers), or None
+    alive: jax.Array  # [T, N] bool, the step belongs to the episode
+    control_steps: jax.Array  # [T, N] int, as many as the action was held for; 0 where not alive
+    terminated: jax.Array  # [N] bool, the task ended the episode
+    success: jax.Array | None = None  # [N] 1 where it reached its goal, None of tasks without one
+    # The state that `obs` shows, None unless asked for: m, rad and their rates; `ctrl` is that of
+    # the step before.
+    qpos: jax.Array | None = None  # [T, N, nq]
+    qvel: jax.Array | None = None  # [T, N, nv]
+    ctrl: jax.Array | None = None  # [T, N, nu]
+
+    @property
+    def truncated(self) -> jax.Array:
+        """Whether the time limit ended the episode, [N]."""
+        return ~self.terminated
+
+    @property
+    def returns(self) -> jax.Array:
+        """Undiscounted returns [N]."""
+        return self.reward.sum(axis=-2)
+
+    @property
+    def lengths(self) -> jax.Array:
+        """Lengths [N] in control steps: one an action, unless the task holds them."""
+        return self.control_steps.sum(axis=-2)
+
+
+@functools.partial(jax.jit, static_argnames=("env", "num_episodes", "deterministic", "physics"))
+def record(
+    policy: Policy,
+    env: Env,
+    key: jax.Array,
+    num_episodes: int,
+    *,
+    deterministic: bool = False,
+    physics: bool = False,
+) -> Trajectories:
+    """Run a policy in N environments, each until its first episode ends.
+
+    Compiled once for an environment, whichever policy of one kind follows; it may be vmapped over
+    policies.
+
+    Args:
+      policy: what acts.
+      env: the task, unbatched and without auto-reset.
+      key: PRNG key of the initial states and the actions.
+      num_episodes: N.
+      deterministic: take the likeliest option and action instead of sampling.
+      physics: record the generalised coordinates and controls too.
+
+    Raises:
+      UsageError: `physics` is asked for where the task has no MuJoCo state.
+    """
+    key_reset, key_memory, key_steps = jax.random.split(key, 3)
+
+    def step(carry: Any, key: jax.Array):
+        state, memory, alive = carry
+        decision, memory = _decide(policy, state.obs, memory, key, deterministic)
+        new_state = as_before(jax.vmap(env.step)(state, decision["action"]), state)
+        seen = {
+            "obs": state.obs,
+            "reward": jnp.where(alive, new_state.reward, 0.0),
+            "alive": alive,
+            "control_steps": jnp.where(alive, steps_taken(state, new_state), 0),
+            "success": _so_far(new_state, alive),
+            **(_coordinates(state.pipeline_state) if physics else {}),
+        }
+        return (new_state, memory, alive & ~new_state.done.astype(bool)), decision | seen
+
+    start = (
+        jax.vmap(env.reset)(jax.random.split(key_reset, num_episodes)),
+        in_32_bits(policy.initial_memory(key_memory, (num_episodes,))),
+        jnp.ones(num_episodes, bool),
+    )
+    limit = getattr(env, "episode_length", EPISODE_LENGTH)
+    keys = jax.random.split(key_steps, -(-limit // action_repeat_of(env)))
+    (_, _, alive), steps = jax.lax.scan(step, start, keys)
+    success = jax.tree.map(lambda x: x.max(axis=0), steps.pop("success"))
+    return in_32_bits(Trajectories(**steps, terminated=~alive, success=success))
+
+
+def record_in_gymnasium(
+    policy: Policy,
+    task: dict[str, Any],
+    key: jax.Array,
+    num_episodes: int,
+    *,
+    deterministic: bool = False,
+    physics: bool = False,
+) -> Trajectories:
+    """Run the policy in Gymnasium's own environments, in Gymnasium's own loop.
+
+    Args:
+      policy: what acts.
+      task: name, version and keywords, as in a run's settings.
+      key: PRNG key; it seeds Gymnasium too.
+      num_episodes: N.
+      deterministic: take the likeliest option and action instead of sampling.
+      physics: record the generalised coordinates and controls too.
+
+    Raises:
+      UsageError: Gymnasium has no such task.
+    """
+    envs = _gymnasium_envs(task, num_episodes)
+    key_memory, key_seed, key = jax.random.split(key, 3)
+    first_seed = int(jax.random.randint(key_seed, (), 0, 2**30))
+    obs = np.stack([env.reset(seed=first_seed + i)[0] for i, env in enumerate(envs)])
+    memory = policy.initial_memory(key_memory, (num_episodes,))
+    alive, terminated = np.ones(num_episodes, bool), np.zeros(num_episodes, bool)
+    steps = []
+    while alive.any():
+        key, key_act = jax.random.split(key)
+        decision, memory = _decide(policy, obs.astype(np.float32), memory, key_act, deterministic)
+        seen: dict[str, Any] = {"obs": obs.copy(), "alive": alive.copy()}
+        seen["control_steps"] = alive.astype(np.int32)
+        if physics:
+            data = [env.unwrapped.data for env in envs]
+            seen |= {name: np.stack([getattr(d, name) for d in data]) for name in COORDINATES}
+        action, reward = np.asarray(decision["action"]), np.zeros(num_episodes)
+        for i in np.flatnonzero(alive):
+            box = envs[i].action_space
+            obs[i], reward[i], terminated[i], truncated, _ = envs[i].step(
+                np.clip(action[i], box.low, box.high)
+            )
+            alive[i] = not (terminated[i] or truncated)
+        steps.append(decision | seen | {"reward": reward})
+    for env in envs:
+        env.close()
+    recorded = jax.tree.map(lambda *x: jnp.asarray(np.stack(x)), *steps)
+    return Trajectories(**recorded, terminated=jnp.asarray(terminated))
+
+
+@functools.partial(jax.jit, static_argnames="deterministic")
+def _decide(
+    policy: Policy, obs: jax.Array, memory: Any, key: jax.Array, deterministic: bool
+) -> tuple[dict[str, Any], Any]:
+    """Return what a policy does for raw observations [N, O], and its new memory."""
+    agent, params, obs = policy.agent, policy.params, policy.normalized(obs)
+    action, new_memory, noted = agent.act(params, obs, memory, key, deterministic)
+    decision = {
+        "action": action,
+        "option": agent.option_of(noted),
+        "option_probs": agent.option_probs(params, obs, memory),
+    }
+    return in_32_bits((decision, new_memory))
+
+
+def _so_far(state: State, alive: jax.Array) -> jax.Array | None:
+    """Return whether episodes under way have reached their goal, [N]; None of tasks without one."""
+    reached = state.metrics.get("success")
+    return None if reached is None else jnp.where(alive, reached, 0.0)
+
+
+def _coordinates(data: Any) -> dict[str, jax.Array]:
+    if not isinstance(data, PhysicsState):
+        raise UsageError("This task has no MuJoCo state to record; use physics=False.")
+    return {name: getattr(data, name) for name in COORDINATES}
+
+
+def _gymnasium_envs(task: dict[str, Any], number: int) -> list[Any]:
+    import gymnasium
+
+    keywords = dict(task)
+    name, version = keywords.pop("name"), keywords.pop("version", "v5")
+    constructor = check_env(name, version)
+    for keyword, default in OURS_ALONE.items():
+        if keywords.pop(keyword, default) != default:
+            raise UsageError(f"Gymnasium has no {keyword}; use --engine native or mjx.")
+    # By where it is defined: a class of someone's own may be called Ant, too.
+    if not constructor.__module__.startswith("hitmdp_jax.envs.suites.gym."):
+        raise UsageError(f"Gymnasium has no environment '{name}'; use --engine native or mjx.")
+    if version == "v4":
+        keywords = {}  # v4 constructors do not take every keyword of v5
+    registered = f"{constructor.__name__}-{version}"
+    return [gymnasium.make(registered, **keywords) for _ in range(number)]

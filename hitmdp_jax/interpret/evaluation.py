@@ -1,0 +1,180 @@
+"""Scoring a trained policy: whole episodes, in any engine, Gymnasium itself among them."""
+
+import dataclasses
+import functools
+import json
+import math
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax.envs.base import Env
+
+from hitmdp_jax.checks import check_memory
+from hitmdp_jax.envs import make_env
+from hitmdp_jax.errors import UsageError, unknown_name
+from hitmdp_jax.interpret.episodes import record, record_in_gymnasium
+from hitmdp_jax.physics import ENGINES as PHYSICS
+from hitmdp_jax.runs.config import Task, whole_number
+from hitmdp_jax.runs.policy import Policy
+
+ENGINES = (*PHYSICS, "gymnasium")
+
+
+@dataclasses.dataclass(frozen=True)
+class Scores:
+    """Undiscounted returns and lengths of whole episodes, one entry an episode."""
+
+    returns: np.ndarray  # [N]
+    lengths: np.ndarray  # [N] control steps
+    success: np.ndarray | None = None  # [N] 1 where the goal was reached; None of tasks without one
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the mean return; NaN of a single episode."""
+        n = len(self.returns)
+        return float(self.returns.std(ddof=1) / math.sqrt(n)) if n > 1 else math.nan
+
+
+def check_request(engine: str, episodes: int) -> None:
+    """Check what can be checked before a policy is read or an environment made.
+
+    Raises:
+      UsageError: the engine is unknown, or episodes is not a positive whole number.
+    """
+    if engine not in ENGINES:
+        raise unknown_name("engine", str(engine), ENGINES)
+    check_episodes(episodes)
+
+
+def check_episodes(episodes: int) -> None:
+    """Check that so many episodes side by side can be: their keys and their totals fit somewhere.
+
+    Raises:
+      UsageError: episodes is not a positive whole number, or more than memory holds.
+    """
+    check_memory({"episodes": 24 * whole_number("episodes", episodes, at_least=1)})
+
+
+def score(
+    policy: Policy,
+    task: Task,
+    engine: str,
+    episodes: int,
+    key: jax.Array,
+    deterministic: bool = False,
+) -> Scores:
+    """Run a policy for some episodes of its own task.
+
+    Args:
+      policy: what acts.
+      task: what it learned last, as `RunConfig.task_at` says of its checkpoint's iteration.
+      engine: "native", "mjx", "warp" or "gymnasium".
+      episodes: how many, all side by side.
+      key: PRNG key of the initial states and the actions.
+      deterministic: take the likeliest option and action instead of sampling.
+
+    Raises:
+      UsageError: the engine is unknown or does not have the task, episodes < 1, or the policy does
+        not fit the task.
+    """
+    check_request(engine, episodes)
+    if engine == "gymnasium":
+        recorded = record_in_gymnasium(policy, task, key, episodes, deterministic=deterministic)
+        return Scores(np.asarray(recorded.returns), np.asarray(recorded.lengths))
+    return score_in_jax(policy, task_env(task, engine), episodes, key, deterministic)
+
+
+def score_each(
+    policies: Policy,
+    task: Task,
+    engine: str,
+    episodes: int,
+    keys: Sequence[jax.Array],
+    deterministic: bool = False,
+) -> list[Scores]:
+    """Run the policies of several trainings side by side, each as `score` does.
+
+    Args:
+      policies: their leaves [R, ...].
+      task: as `score`.
+      engine: as `score`; Gymnasium runs them one after the other.
+      episodes: how many, of each policy.
+      keys: R PRNG keys.
+      deterministic: as `score`.
+
+    Returns:
+      R scores, in order.
+
+    Raises:
+      UsageError: as `score`.
+    """
+    check_request(engine, episodes)
+    if engine == "gymnasium":
+        everyone = [(policies.of(i), key) for i, key in enumerate(keys)]
+        return [score(one, task, engine, episodes, key, deterministic) for one, key in everyone]
+    env = task_env(task, engine)
+    check_fit(policies.of(0), env)
+    returns, lengths, success = jax.device_get(
+        _of_each(policies, env, jnp.stack(keys), episodes, deterministic)
+    )
+    known = [None] * len(keys) if success is None else success
+    return [Scores(*of_one) for of_one in zip(returns, lengths, known, strict=True)]
+
+
+def task_env(task: Task, engine: str) -> Env:
+    """Return a task in an engine of JAX; the same object for the same task."""
+    return _env(json.dumps(task, sort_keys=True), engine)
+
+
+def score_in_jax(
+    policy: Policy, env: Env, episodes: int, key: jax.Array, deterministic: bool = False
+) -> Scores:
+    """Run each of N environments until its first episode ends. Pure but for the final copy.
+
+    Raises:
+      UsageError: the policy observes or acts in another size than the task.
+    """
+    check_fit(policy, env)
+    return Scores(*jax.device_get(_totals(policy, env, key, episodes, deterministic)))
+
+
+def check_fit(policy: Policy, env: Env) -> None:
+    """Hold a policy against a task.
+
+    Raises:
+      UsageError: their observations or actions differ in size.
+    """
+
+    def act(key: jax.Array) -> jax.Array:
+        return policy.act(jnp.zeros(env.observation_size), policy.initial_memory(key), key)[0]
+
+    size = jax.eval_shape(act, jax.random.key(0)).size
+    if size != env.action_size:
+        raise UsageError(f"The policy's actions have {size} parts; the task's {env.action_size}.")
+
+
+# Compiled apart from `record`: the compiler then leaves out whatever is recorded step by step.
+@functools.partial(jax.jit, static_argnames=("env", "episodes", "deterministic"))
+def _totals(
+    policy: Policy, env: Env, key: jax.Array, episodes: int, deterministic: bool
+) -> tuple[jax.Array, jax.Array, jax.Array | None]:
+    recorded = record(policy, env, key, episodes, deterministic=deterministic)
+    return recorded.returns, recorded.lengths, recorded.success
+
+
+@functools.partial(jax.jit, static_argnames=("env", "episodes", "deterministic"))
+def _of_each(
+    policies: Policy, env: Env, keys: jax.Array, episodes: int, deterministic: bool
+) -> tuple[jax.Array, jax.Array, jax.Array | None]:
+    def of_one(number: jax.Array, key: jax.Array):
+        return _totals(policies.of(number), env, key, episodes, deterministic)
+
+    return jax.vmap(of_one)(jnp.arange(len(keys)), keys)
+
+
+@functools.lru_cache(maxsize=1)
+def _env(task: str, engine: str) -> Env:
+    """Make a run's task once: programs are compiled anew for every new environment."""
+    return make_env(**json.loads(task), physics=engine)

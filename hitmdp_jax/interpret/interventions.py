@@ -1,0 +1,222 @@
+"""Do the options differ, and do they matter? Their divergence, and episodes with other choices.
+
+What an option does to the return is asked by an intervention: the same initial states, the same
+P(a | s, o), and options that the master policy did not choose.
+"""
+
+import functools
+from typing import NamedTuple
+
+import distrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax.envs.base import Env
+from numpy.typing import ArrayLike
+
+from hitmdp_jax.experiments.statistics import number
+from hitmdp_jax.interpret.episodes import Trajectories, record
+from hitmdp_jax.interpret.forced_options import directed, number_of_options
+from hitmdp_jax.interpret.option_use import activations
+from hitmdp_jax.runs.policy import Policy
+
+OWN, SHUFFLED, UNIFORM, FROZEN = "own choices", "own, shuffled", "uniform choices", "first choice"
+# What `summary` tells.
+OF_CHOICES = ("own_choices", "shuffled_choices", "uniform_choices", "first_choice")
+OF_OPTIONS = ("best_option", "worst_option")
+# Nats: options that are less apart are practically identical, for it takes hundreds of steps to
+# tell them from each other; a few steps tell options that are so much apart as DISTINCT.
+IDENTICAL, DISTINCT = 0.01, 1.0
+LISTED = 6  # pairs of options that a sentence names
+WITHOUT_EACH_OPTION = 3  # interventions beside the K that keep an option throughout
+
+
+class Interventions(NamedTuple):
+    """Whole episodes under each way of choosing options, M of them, from the same N states."""
+
+    names: tuple[str, ...]  # the policy's own choices first, each option alone last
+    returns: np.ndarray  # [M, N] undiscounted
+    lengths: np.ndarray  # [M, N] control steps
+
+    @property
+    def num_options(self) -> int:
+        """K, how many of the ways keep an option throughout."""
+        return len(self.names) - 1 - WITHOUT_EACH_OPTION
+
+
+class Effects(NamedTuple):
+    """Mean returns under each way of choosing options, and what they differ by from the first.
+
+    Errors are standard errors; that of a difference is of pairs from the same initial state. NaN of
+    a single episode.
+    """
+
+    mean: np.ndarray  # [M]
+    error: np.ndarray  # [M]
+    difference: np.ndarray  # [M]
+    difference_error: np.ndarray  # [M]
+
+
+@jax.jit
+def divergence(policy: Policy, obs: jax.Array) -> jax.Array:
+    """Return how far the options' actions are apart, [K, K] in nats, the mean over states.
+
+    Half the sum of the two Kullback-Leibler divergences of P(a | s, i) and P(a | s, j), which are
+    diagonal Gaussians. Two options are told apart by the actions of n steps once n times their
+    divergence is a few nats.
+
+    Args:
+      policy: of an agent with options.
+      obs: raw observations [S, O].
+
+    Raises:
+      UsageError: the agent has no options.
+    """
+    every = jnp.arange(number_of_options(policy.agent))
+    each = policy.agent.policy(policy.params, policy.normalized(obs)[:, None], every)
+    mean = each.mean()  # [S, K, A]
+    std = jnp.broadcast_to(each.stddev(), mean.shape)
+    first, second = (
+        distrax.MultivariateNormalDiag(*(jnp.expand_dims(x, axis) for x in (mean, std)))
+        for axis in (2, 1)
+    )
+    directed_divergence = first.kl_divergence(second).mean(axis=0)
+    return 0.5 * (directed_divergence + directed_divergence.T)
+
+
+def alike(divergence: np.ndarray) -> str:
+    """Say which options are practically identical, by how far they are apart, [K, K] in nats."""
+    first, second = np.triu_indices(len(divergence), 1)
+    close = divergence[first, second] < IDENTICAL
+    bound = f"{IDENTICAL:g} nats apart"
+    if close.all():
+        return f"The options are practically identical: no two of them are {bound}."
+    if not close.any():
+        return f"No two options are practically identical: all are at least {bound}."
+    pairs = [f"{i} and {j}" for i, j in zip(first[close], second[close], strict=True)]
+    named = pairs[:LISTED] + [f"{len(pairs) - LISTED} more pairs"] * (len(pairs) > LISTED)
+    return f"Practically identical, less than {bound}: options {'; '.join(named)}."
+
+
+def intervene(
+    policy: Policy, env: Env, key: jax.Array, own: Trajectories, *, deterministic: bool = False
+) -> Interventions:
+    """Run a policy's episodes again with other choices of options.
+
+    All of them are schedules, so one program runs them side by side: M N environments.
+
+    Args:
+      policy: of an agent with options.
+      env: the task, unbatched and without auto-reset.
+      key: that of `own`, so that the episodes start in the same states.
+      own: the policy's own episodes, as `record` gave them.
+      deterministic: take the likeliest action instead of sampling; as for `own`.
+
+    Raises:
+      UsageError: the agent has no options.
+    """
+    seed = int(jax.random.bits(key))
+    num_options = number_of_options(policy.agent)
+    plans = schedules(np.asarray(own.option), own.alive, num_options, np.random.default_rng(seed))
+    stacked = jnp.asarray(np.stack(list(plans.values())), jnp.int32)
+    episodes = _returns_and_lengths(policy, env, key, stacked, deterministic)
+    mine = own.returns, own.lengths
+    returns, lengths = (
+        np.concatenate([np.asarray(x)[None], np.asarray(y)])
+        for x, y in zip(mine, episodes, strict=True)
+    )
+    return Interventions((OWN, *plans), returns, lengths)
+
+
+@functools.partial(jax.jit, static_argnames=("env", "deterministic"))
+def _returns_and_lengths(
+    policy: Policy, env: Env, key: jax.Array, plans: jax.Array, deterministic: bool
+) -> tuple[jax.Array, jax.Array]:
+    """Return what episodes under plans [M, T, N] add up to, [M, N] each."""
+
+    def run(plan: jax.Array) -> tuple[jax.Array, jax.Array]:
+        policy_of_plan, num_episodes = directed(policy, plan), plan.shape[1]
+        recorded = record(policy_of_plan, env, key, num_episodes, deterministic=deterministic)
+        return recorded.returns, recorded.lengths
+
+    return jax.vmap(run)(plans)
+
+
+def schedules(
+    option: ArrayLike, alive: ArrayLike, num_options: int, random: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Return the other choices of options by name, as schedules [T, N].
+
+    - the policy's own activations of each episode in a random order: as much of each option, at
+      other moments;
+    - a uniform choice at every step;
+    - the first choice of each episode, kept;
+    - each option throughout.
+
+    Args:
+      option: [T, N], those that the policy chose.
+      alive: [T, N] bool, the step belongs to the episode.
+      num_options: K.
+      random: what draws.
+    """
+    option = np.asarray(option)
+    return {
+        SHUFFLED: shuffled(option, alive, random),
+        UNIFORM: random.integers(num_options, size=option.shape),
+        FROZEN: np.broadcast_to(option[0], option.shape),
+        **{f"option {k}": np.full_like(option, k) for k in range(num_options)},
+    }
+
+
+def shuffled(option: ArrayLike, alive: ArrayLike, random: np.random.Generator) -> np.ndarray:
+    """Return each episode's activations in a random order, [T, N].
+
+    Where two of one option meet they make a longer one. Beyond the episode's own length come
+    further orders of the same activations.
+    """
+    steps = len(np.asarray(option))
+    columns = []
+    for episode in activations(option, alive):
+        pieces = np.zeros(0, int)
+        while len(pieces) < steps:
+            order = random.permutation(len(episode.option))
+            pieces = np.append(pieces, np.repeat(episode.option[order], episode.duration[order]))
+        columns.append(pieces[:steps])
+    return np.stack(columns, axis=1)
+
+
+def effects(interventions: Interventions) -> Effects:
+    """Return the mean returns and their differences to the policy's own choices."""
+    returns = interventions.returns.astype(float)
+    difference = returns - returns[0]
+    return Effects(
+        returns.mean(axis=1), _error(returns), difference.mean(axis=1), _error(difference)
+    )
+
+
+def _error(x: np.ndarray) -> np.ndarray:
+    """Return the standard error of the mean of each row of [M, N]."""
+    n = x.shape[1]
+    return x.std(axis=1, ddof=1) / np.sqrt(n) if n > 1 else np.full(len(x), np.nan)
+
+
+def summary(interventions: Interventions) -> dict[str, float]:
+    """Return the mean returns that tell whether options matter, by the name of a column.
+
+    The best and the worst single option are picked by the same episodes: of equal options, the
+    first looks a little better than it is and the second a little worse.
+    """
+    mean = effects(interventions).mean
+    chosen, alone = mean[: -interventions.num_options], mean[-interventions.num_options :]
+    told = (*chosen, alone.max(), alone.min())
+    return dict(zip((*OF_CHOICES, *OF_OPTIONS), map(float, told), strict=True))
+
+
+def table(interventions: Interventions) -> list[list[str]]:
+    """Return the interventions as rows of text, the header first."""
+    rows = [["options", "return", "std error", "minus own", "std error of it"]]
+    columns = zip(interventions.names, *effects(interventions), strict=True)
+    for i, (name, mean, error, difference, difference_error) in enumerate(columns):
+        against = (number(difference, "+.1f"), number(difference_error)) if i else ("-", "-")
+        rows.append([name, number(mean), number(error), *against])
+    return rows

@@ -1,0 +1,411 @@
+"""A run's settings: validated once, then frozen."""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import yaml
+
+from hitmdp_jax import plugins
+from hitmdp_jax.agents import Agent, find_agent
+from hitmdp_jax.checks import check_memory, divisor_below
+from hitmdp_jax.envs import check_engine, check_env, check_installed
+from hitmdp_jax.envs.keywords import defaults_of
+from hitmdp_jax.physics import find_engine
+from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
+from hitmdp_jax.reading import read_yaml
+from hitmdp_jax.runs.folder import CONFIG
+from hitmdp_jax.training.program import check_sizes, num_iterations
+from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
+
+SCHEMA = 3  # of config.yaml; raised where an older package would misread it
+# What hyperparameters stood for that a schema did not have yet, where that is not their default.
+BEFORE = {
+    2: {"mopg": {"option_scale": 1.0, "switching_cost": 0.0, "usage_weight": 0.0}},
+    3: {name: {"target_kl": math.inf, "value_decay": 0.0} for name in ("mopg", "ppo")},
+}
+REPORT_STEPS = 2048
+MOST = 10**12  # more than any whole number that is asked for here
+WHOLE = {  # name -> the least value
+    "seeds": 1,
+    "total_steps": 1,
+    "num_envs": 1,
+    "rollout_length": 1,
+    "data_devices": 1,
+    "checkpoint_steps": 1,
+    "eval_every": 0,
+    "eval_episodes": 1,
+    "video_every": 0,
+    "seed": 0,
+}
+GROUPS = ("algo", "env", "second_env")  # of settings, each with a name
+WANDB = ("off", "program", "seed")
+Task = dict[str, Any]  # a task's name, version and keywords, as `make_env` takes them
+BESIDE_THE_POINT = (
+    "data_devices",
+    "checkpoint_steps",
+    "eval_every",
+    "eval_episodes",
+    "video_every",
+    "wandb",
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class RunConfig:
+    """What `train.py` runs. The fields mirror configs/config.yaml, where each is explained.
+
+    All but the algorithm have defaults, so that a run of an older version, which had fewer
+    settings, can still be read.
+    """
+
+    algo: dict[str, Any]  # name and the agent's hyperparameters
+    env: dict[str, Any] | None = None  # name, version and keywords; None: saved from Python
+    physics: str = "mjx"
+    seeds: int = 1
+    seed: int = 0
+    total_steps: int = 1_000_000
+    num_envs: int = 16
+    rollout_length: int = 128
+    data_devices: int = 1
+    checkpoint_steps: int = 250_000
+    eval_every: int = 0
+    eval_episodes: int = 20
+    video_every: int = 0
+    wandb: str = "off"
+    second_env: dict[str, Any] | None = None  # the task a transfer switches to
+    sweep: dict[str, Any] | None = None
+    samples: int | None = None
+
+    @classmethod
+    def from_mapping(cls, settings: Mapping[str, Any]) -> "RunConfig":
+        """Validate settings before anything is compiled.
+
+        Raises:
+          UsageError: a setting is unknown, out of its domain, or does not divide.
+        """
+        fields = {field.name: field for field in dataclasses.fields(cls)}
+        for name in settings:
+            if name not in fields:
+                raise unknown_name("setting", str(name), fields)
+        values = dict(settings)
+        if values.get("samples") is not None:
+            values["samples"] = whole_number("samples", values["samples"], 1)
+        for name in set(WHOLE) & set(values):
+            values[name] = whole_number(name, values[name], WHOLE[name])
+        # wandb=off is a bool to YAML
+        wandb = values.get("wandb", "off")
+        values["wandb"] = "off" if wandb is False else wandb
+        if values["wandb"] not in WANDB:
+            raise unknown_name("wandb", str(values["wandb"]), WANDB)
+        for name in GROUPS:
+            given = values.get(name)
+            named = isinstance(given, Mapping) and "name" in given
+            if not named and (given is not None or name == "algo"):
+                raise UsageError(f"{name} = {given} must hold a name and its settings.")
+        config = cls(**values)
+        if config.seed + config.seeds > 2**32:
+            raise out_of_domain("seed", config.seed, "a whole number below 2^32 - seeds")
+        _check_division(config.num_envs, config.data_devices)
+        engine = find_engine(config.physics)
+        for task in config.tasks:
+            check_env(**task)
+            check_engine(task["name"], engine)
+            if task.get("action_repeat", 1) != config.action_repeat:
+                raise UsageError("The tasks of a transfer must have the same action_repeat.")
+        agent = config.make_agent()
+        check_sizes(agent, config.total_steps, config.num_envs, config.rollout_length)
+        check_sweep(config.sweep, config.samples, agent)
+        for setting in config.settings:
+            config.make_agent(setting)
+        return config
+
+    def check_memory(
+        self, sizes: tuple[int, int] | None = None, at_once: int = 1, available: int | None = None
+    ) -> None:
+        """Check that what a run must hold at once can fit into memory, before any of it is made.
+
+        The estimate is a lower bound. It counts the parameters, the optimiser and the pool's
+        rewards of each training, and the observations, actions and rewards of the rollouts. The
+        state of the physics is left out, for its shapes take up to half a minute to find.
+
+        `Run.create` checks once it knows the tasks and the devices. A run of 1e9 trainings never
+        gets so far, and no job of a sweep may wait for it: they are checked before, with a task as
+        small as can be and memory that may be an accelerator's.
+
+        Args:
+          sizes: of the task's observations and actions; None while they are not known.
+          at_once: trainings whose rollouts are held at once.
+          available: as `checks.check_memory`.
+
+        Raises:
+          UsageError: it cannot fit; names the settings that need most.
+        """
+        settings = self.samples or math.prod(len(x) for x in (self.sweep or {}).values())
+        trainings, agent = self.seeds * settings, self.make_agent()
+        steps = self.num_envs * self.rollout_length
+        learner, known = 0, sizes or (1, 1)
+        if sizes or not plugins.is_own(self.algo["name"]):  # which may not learn of any sizes
+            arrays = jax.eval_shape(lambda: agent.init(jax.random.key(0), *known))
+            learner = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(arrays))
+        check_memory(
+            {
+                "seeds and the sizes of algo's networks": trainings * learner,
+                "seeds, num_envs and rollout_length": trainings * steps
+                + 4 * at_once * steps * (sum(known) + 1),
+                "eval_episodes": 24 * self.eval_episodes if self.eval_every else 0,
+            },
+            available,
+        )
+
+    def check_installed(self) -> None:
+        """Check that what the engine and the tasks need is installed; settings can do without.
+
+        Raises:
+          UsageError: an extra is missing.
+        """
+        find_engine(self.physics).check()
+        for task in self.tasks:
+            check_installed(task["name"])
+
+    def make_agent(self, swept: Mapping[str, float] | None = None) -> Agent:
+        """Return the agent that `algo` describes, under a setting of what the run sweeps.
+
+        Raises:
+          UsageError: the algorithm or a hyperparameter is unknown or out of range.
+        """
+        hyperparameters = self.algo | {k.removeprefix(PREFIX): x for k, x in (swept or {}).items()}
+        name = str(hyperparameters.pop("name"))
+        agent = find_agent(name)
+        fields = {field.name: field for field in dataclasses.fields(agent)}
+        for key, value in hyperparameters.items():
+            if key not in fields:
+                raise unknown_name(f"hyperparameter of {plugins.label(name)}", str(key), fields)
+            hyperparameters[key] = _like(f"algo.{key}", value, fields[key].default)
+        return agent(**hyperparameters)
+
+    @functools.cached_property
+    def settings(self) -> list[dict[str, float]]:
+        """The settings of what the run sweeps; a single empty one where it sweeps nothing."""
+        return settings_of(self.sweep, self.samples, self.seed)
+
+    @property
+    def swept(self) -> dict[str, np.ndarray]:
+        """The swept hyperparameters' values [R], one for each training."""
+        return {
+            name.removeprefix(PREFIX): np.array([t.swept[name] for t in self.trainings], np.float32)
+            for name in self.sweep or {}
+        }
+
+    @functools.cached_property
+    def trainings(self) -> list[Training]:
+        """The run's trainings, in the order of its arrays' first axis: all seeds of a setting."""
+        return [
+            Training(self.seed + i, number, swept)
+            for number, swept in enumerate(self.settings)
+            for i in range(self.seeds)
+        ]
+
+    @property
+    def tasks(self) -> list[Task]:
+        """The tasks trained on, one after the other, `total_steps` each."""
+        return [task for task in (self.env, self.second_env) if task is not None]
+
+    @property
+    def task_title(self) -> str:
+        """What is trained on."""
+        return ", then ".join(plugins.label(task["name"]) for task in self.tasks)
+
+    @property
+    def title(self) -> str:
+        """What is trained on what."""
+        return f"{plugins.label(self.algo['name'])} on {self.task_title}"
+
+    @property
+    def switch_at(self) -> int | None:
+        """Environment steps of each seed after which a transfer goes on to its second task."""
+        return None if self.second_env is None else self.iterations * self.steps_per_iteration
+
+    @property
+    def action_repeat(self) -> int:
+        """Control steps that each action is held for; all of them count as environment steps."""
+        return (self.env or {}).get("action_repeat", 1)
+
+    @property
+    def iterations_per_report(self) -> int:
+        """Iterations between two reports: one, or as many as make up 2048 environment steps."""
+        return max(1, REPORT_STEPS // self.steps_per_iteration)
+
+    @property
+    def iterations(self) -> int:
+        """Iterations spent on each task, a whole number of reports."""
+        sizes = self.num_envs, self.rollout_length, self.action_repeat
+        needed = num_iterations(self.total_steps, *sizes)
+        return -(-needed // self.iterations_per_report) * self.iterations_per_report
+
+    @property
+    def last_iteration(self) -> int:
+        """Iterations of the whole run, all its tasks."""
+        return self.iterations * len(self.tasks)
+
+    @property
+    def steps_per_iteration(self) -> int:
+        """Environment steps of one seed in one iteration."""
+        return self.num_envs * self.rollout_length * self.action_repeat
+
+    @property
+    def env_steps(self) -> int:
+        """Environment steps of one seed in the whole run."""
+        return self.steps_after(self.last_iteration)
+
+    def task_at(self, iteration: int) -> Task:
+        """Return the task that the iteration of that number, from 1, is on.
+
+        It is also the task that a checkpoint of that iteration is scored, filmed and exported on.
+
+        Raises:
+          UsageError: the run names no task.
+        """
+        if not self.tasks:
+            raise UsageError("The run was saved from Python and names no task.")
+        return self.tasks[self.task_number(iteration)]
+
+    def task_number(self, iteration: int) -> int:
+        """Return the place, from 0, of the task of `task_at`; 0 where the run names none."""
+        return min(max(iteration - 1, 0) // self.iterations, max(len(self.tasks) - 1, 0))
+
+    def steps_after(self, iteration: int) -> int:
+        """Return the environment steps of one seed after so many iterations."""
+        return iteration * self.steps_per_iteration
+
+    def iterations_in(self, env_steps: int) -> int:
+        """Return the iterations in so many environment steps of a seed: whole reports, not none."""
+        per_report = self.iterations_per_report
+        return max(1, env_steps // (self.steps_per_iteration * per_report)) * per_report
+
+    def differences(self, other: "RunConfig") -> list[str]:
+        """Return what would make the two runs' results differ: `name: here, there`, a line each."""
+        mine, others = (dict(_dotted(config._in_full())) for config in (self, other))
+        names = [*mine, *(name for name in others if name not in mine)]
+        return [
+            f"{name}: {mine.get(name)} here, {others.get(name)} there"
+            for name in names
+            if mine.get(name) != others.get(name) and name not in BESIDE_THE_POINT
+        ]
+
+    def _in_full(self) -> dict[str, Any]:
+        """Return the settings with the tasks' keywords that an older package did not have yet."""
+        tasks = {
+            name: {"action_repeat": 1} | defaults_of(check_env(**task)) | task
+            for name in ("env", "second_env")
+            if (task := getattr(self, name)) is not None
+        }
+        return self.to_dict() | tasks
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the settings as `from_mapping` takes them."""
+        return dataclasses.asdict(self)
+
+    def to_yaml(self) -> str:
+        """Return the settings as config.yaml holds them."""
+        return yaml.safe_dump({"schema": SCHEMA} | self.to_dict(), sort_keys=False)
+
+    @classmethod
+    def load(cls, run_dir: Path, trust: bool = False) -> "RunConfig":
+        """Read a run's settings; what an older version did not have yet takes its default.
+
+        Args:
+          run_dir: the run's folder.
+          trust: run the files of tasks and algorithms that the settings name, whoever made them.
+
+        Raises:
+          UsageError: the folder holds no run, or one that cannot be read; or it names a file that
+            nobody here trusts (`plugins`).
+        """
+        path = run_dir / CONFIG
+        if not path.is_file():
+            raise UsageError(f"'{run_dir}' is not a run's folder: it has no config.yaml.")
+        settings = read_yaml(path)
+        if not isinstance(settings, dict):
+            raise UsageError(f"'{path}' cannot be read: it does not hold a run's settings.")
+        schema = settings.pop("schema", 0)
+        if not isinstance(schema, int) or schema > SCHEMA:
+            raise UsageError(
+                f"'{path}' was written by a newer hitmdp_jax (schema {schema}; this one reads up "
+                f"to {SCHEMA}): upgrade to read it."
+            )
+        algo = settings.get("algo")
+        if isinstance(algo, dict):
+            for added, values in BEFORE.items():
+                if schema < added:
+                    algo = values.get(str(algo.get("name")), {}) | algo
+            settings["algo"] = algo
+        try:
+            if trust:
+                trust_named(settings)
+            return cls.from_mapping(settings)
+        except UsageError as error:
+            raise UsageError(f"'{path}' cannot be used: {error}") from None
+
+
+def trust_named(settings: Mapping[str, Any], remember: bool = False) -> None:
+    """Trust the files that a run's settings name; args and Raises as `plugins.trust`."""
+    for group in GROUPS:
+        chosen = settings.get(group)
+        if isinstance(chosen, Mapping):
+            plugins.trust(str(chosen.get("name")), remember)
+
+
+def _check_division(num_envs: int, data_devices: int) -> None:
+    if num_envs % data_devices:
+        near = divisor_below(num_envs, data_devices)
+        raise UsageError(
+            f"num_envs = {num_envs} is not divisible by data_devices = {data_devices}; the nearest "
+            f"number below that divides it is {near}."
+        )
+
+
+def whole_number(name: str, value: Any, at_least: int) -> int:
+    """Return a whole number, which may be written as 1e6.
+
+    Raises:
+      UsageError: it is none, or less than `at_least`, or more than anyone asks for.
+    """
+    wanted = "a positive whole number" if at_least else "a whole number from 0"
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not math.isfinite(value) or value != int(value) or value < at_least:
+        raise out_of_domain(name, value, wanted)
+    if value > MOST:
+        raise out_of_domain(name, value, f"{wanted}, at most {MOST:.0e}")
+    return int(value)
+
+
+def _like(name: str, value: Any, default: Any) -> Any:
+    """Return a value in the type of the field's default."""
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise out_of_domain(name, value, "true or false")
+    elif isinstance(default, int):
+        return whole_number(name, value, at_least=1)
+    elif isinstance(default, float):
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise out_of_domain(name, value, "a number")
+        return float(value)
+    elif isinstance(default, tuple):
+        if not isinstance(value, list | tuple):
+            raise out_of_domain(name, value, "a list of positive whole numbers")
+        return tuple(value)
+    return value
+
+
+def _dotted(tree: Any, prefix: str = "") -> list[tuple[str, Any]]:
+    if not isinstance(tree, dict):
+        return [(prefix, list(tree) if isinstance(tree, tuple) else tree)]
+    return [
+        pair for key, x in tree.items() for pair in _dotted(x, f"{prefix}.{key}" if prefix else key)
+    ]

@@ -1,0 +1,265 @@
+"""`load` and `save`: a trained policy out of a run's folder and into one."""
+
+import contextlib
+import dataclasses
+import inspect
+import os
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import struct
+from jax.typing import ArrayLike
+
+from hitmdp_jax import plugins
+from hitmdp_jax.agents import AGENTS, Agent
+from hitmdp_jax.agents.base import check_hyperparameters
+from hitmdp_jax.errors import UsageError, out_of_domain
+from hitmdp_jax.learning.normalization import normalize
+from hitmdp_jax.runs.checkpoint import Checkpoints, Progress, normalizer_of, policy_of
+from hitmdp_jax.runs.claim import claim
+from hitmdp_jax.runs.config import RunConfig, trust_named
+from hitmdp_jax.runs.folder import LOCK
+from hitmdp_jax.training.program import TrainState
+from hitmdp_jax.training.sweep import PREFIX
+
+
+class Policy(struct.PyTreeNode):
+    """A trained policy with its observation normaliser: a pytree of pure functions.
+
+    >>> policy = load("runs/halfcheetah/mopg/...")  # doctest: +SKIP
+    >>> memory = policy.initial_memory(key)  # doctest: +SKIP
+    >>> action, memory = policy.act(obs, memory, key)  # doctest: +SKIP
+    """
+
+    agent: Agent
+    params: Any
+    normalizer: Any
+
+    def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> Any:
+        """Return the memory of an episode's start."""
+        return self.agent.initial_memory(key, batch_shape)
+
+    def act(
+        self, obs: jax.Array, memory: Any, key: jax.Array, deterministic: bool = False
+    ) -> tuple[jax.Array, Any]:
+        """Return actions [..., A] for raw observations [..., O], and the new memory.
+
+        Raises:
+          UsageError: the observation has another size than those the policy learned from.
+        """
+        obs = self.normalized(obs)
+        action, memory, _ = self.agent.act(self.params, obs, memory, key, deterministic)
+        return action, memory
+
+    def of(self, places: ArrayLike) -> "Policy":
+        """Return the policy of one training, or of some, by their places among leaves [R, ...]."""
+        return jax.tree.map(lambda x: x[places] if np.ndim(x) else x, self)
+
+    def normalized(self, obs: ArrayLike) -> jax.Array:
+        """Return raw observations [..., O] as the agent sees them; Raises as `act`."""
+        size = self.normalizer.mean.shape[-1]
+        if np.shape(obs)[-1:] != (size,):
+            raise UsageError(f"obs has shape {np.shape(obs)}; its last axis must be {size} long.")
+        return normalize(obs, self.normalizer)
+
+
+def load(
+    run_dir: str | Path,
+    seed: int | None = None,
+    checkpoint: int | str = "newest",
+    setting: int = 0,
+    task: int | None = None,
+    trust: bool = False,
+) -> Policy:
+    """Load a policy of a run.
+
+    Args:
+      run_dir: the run's folder.
+      seed: which of the run's seeds, by the number the run gave it; None takes the first.
+      checkpoint: "newest"; "best", by the training return; or an iteration that was saved.
+      setting: which setting of a sweep, by the number that its tables give it.
+      task: of a transfer, the task whose newest or best checkpoint is asked for: 0 or 1. None takes
+        the one that the newest checkpoint is of.
+      trust: run the file of an own task or algorithm that the run names. It needs no such word
+        where `save` or a command line of this user has named the file.
+
+    Raises:
+      UsageError: the folder holds no run, or no such checkpoint, seed or setting; or the run names
+        a file that nobody here trusts.
+    """
+    run_dir = _folder(run_dir)
+    config = RunConfig.load(run_dir, trust)
+    (place, *_) = places(config, config.seed if seed is None else seed, setting)
+    _, everyone = load_all(run_dir, checkpoint, task)
+    return everyone.of(place)
+
+
+def places(config: RunConfig, seed: int | None = None, setting: int | None = None) -> list[int]:
+    """Return the places of a run's trainings of a seed and a setting; None takes all.
+
+    Raises:
+      UsageError: the run has no such seed or setting.
+    """
+    seeds, settings = {t.seed for t in config.trainings}, range(len(config.settings))
+    for name, wanted, there in (("seed", seed, seeds), ("setting", setting, settings)):
+        if wanted is not None and (not isinstance(wanted, int) or wanted not in there):
+            raise UsageError(
+                f"{name} = {wanted} is not in the run, which holds {min(there)} to {max(there)}."
+            )
+    return [
+        i
+        for i, training in enumerate(config.trainings)
+        if seed in (None, training.seed) and setting in (None, training.setting)
+    ]
+
+
+def load_all(
+    run_dir: str | Path, checkpoint: int | str = "newest", task: int | None = None
+) -> tuple[int, Policy]:
+    """Return a checkpoint's iteration and the policies of all trainings, their leaves [R, ...].
+
+    Args and Raises as `load`.
+    """
+    run_dir = _folder(run_dir)
+    config = RunConfig.load(run_dir)
+    checkpoints = Checkpoints(run_dir, read_only=True)
+    try:
+        iteration, saved = checkpoints.restore_policy(checkpoint, task)
+    finally:
+        checkpoints.close()
+    agents = config.make_agent().replace(**config.swept)
+    policy = Policy(agents, saved["params"], normalizer_of(saved))
+    if not _fits(policy, len(config.trainings)):
+        raise UsageError(
+            f"The checkpoint in '{run_dir}' does not fit the algorithm and seeds that its "
+            "config.yaml names."
+        )
+    return iteration, policy
+
+
+def _folder(run_dir: Any) -> Path:
+    """Return a folder's path, or raise UsageError where there is none."""
+    if not isinstance(run_dir, str | os.PathLike) or not str(run_dir):
+        raise out_of_domain("run_dir", repr(run_dir), "the path of a run's folder")
+    return Path(run_dir)
+
+
+def _fits(policy: Policy, trainings: int) -> bool:
+    """Return whether the parameters [S, ...] are such as the agent makes; they may be anything."""
+
+    def same_shapes(policy: Policy, key: jax.Array) -> bool:
+        one = policy.of(0)
+        obs = jnp.zeros(one.normalizer.mean.shape[-1])
+        action, _ = one.act(obs, one.initial_memory(key), key)
+        fresh = one.agent.init(key, obs.size, action.size).params
+        shapes = [jax.tree.map(jnp.shape, tree) for tree in (one.params, fresh)]
+        return shapes[0] == shapes[1]
+
+    fits: list[bool] = []
+    # Acting on parameters of another kind fails in as many ways as there are kinds.
+    with contextlib.suppress(Exception):
+        jax.eval_shape(lambda *args: fits.append(same_shapes(*args)), policy, jax.random.key(0))
+    return fits == [True] and len(policy.normalizer.mean) == trainings
+
+
+def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: bool = False) -> None:
+    """Save what the library trained, for `load`: the agent, and a state [...] or [S, ...].
+
+    Args:
+      run_dir: a folder, made if need be.
+      agent: the algorithm that was trained.
+      state: what `train` or a step returned, of one seed or vmapped over seeds.
+      overwrite: replace a run that the folder holds.
+
+    Raises:
+      UsageError: the folder holds a run or cannot be written, the agent's class has no file, or the
+        state is of another agent.
+    """
+    folder = _folder(run_dir)
+    check_hyperparameters(agent)
+    if not isinstance(state, TrainState):
+        raise UsageError(f"state is a {type(state).__name__}; pass the TrainState of a training.")
+    if state.iteration.ndim == 0:
+        state = jax.tree.map(lambda x: x[None], state)
+    seeds = len(state.iteration)
+    config = RunConfig(algo=describe(agent), seeds=seeds)
+    learned = policy_of(state)
+    if not _fits(Policy(agent, learned["params"], normalizer_of(learned)), seeds):
+        raise UsageError(f"The state does not fit the agent: {type(agent).__name__} made another.")
+    run_dir = claim(folder, config, overwrite)
+    trust_named(config.to_dict(), remember=True)
+    checkpoints = Checkpoints(run_dir)
+    checkpoints.save(Progress(int(np.max(state.iteration)), 0, state))
+    checkpoints.close()
+    if checkpoints.failure:
+        raise UsageError(f"'{run_dir}' cannot be written: {checkpoints.failure}")
+
+
+def extract(
+    run_dir: str | Path,
+    folder: str | Path,
+    seed: int | None = None,
+    checkpoint: int | str = "newest",
+    setting: int = 0,
+    task: int | None = None,
+    trust: bool = False,
+) -> None:
+    """Copy one policy of a run into a folder of its own, which `load` reads: a few hundred kB.
+
+    It holds the settings, as of a run of that seed alone, and nothing to train on from.
+
+    Args:
+      run_dir: the run's folder.
+      folder: where to; made if need be.
+      seed: which of the run's seeds; None takes the first.
+      checkpoint: "newest", "best", or an iteration that was saved.
+      setting: which setting of a sweep.
+      task: as `load`.
+      trust: as `load`.
+
+    Raises:
+      UsageError: as `load`; or the folder holds a run or cannot be written.
+    """
+    config = RunConfig.load(_folder(run_dir), trust)
+    (place, *_) = places(config, config.seed if seed is None else seed, setting)
+    iteration, everyone = load_all(run_dir, checkpoint, task)
+    training = config.trainings[place]
+    swept = {name.removeprefix(PREFIX): x for name, x in training.swept.items()}
+    alone = {"seeds": 1, "seed": training.seed, "sweep": None, "samples": None}
+    own = dataclasses.replace(config, algo=config.algo | swept, **alone)
+    learned = {"params": everyone.params, **dataclasses.asdict(everyone.normalizer)}
+    checkpoints = Checkpoints(claim(_folder(folder), own))
+    mine = jax.tree.map(lambda x: x[place : place + 1], learned)
+    checkpoints.save_policy(iteration, config.task_number(iteration), mine)
+    checkpoints.close()
+    if checkpoints.failure:
+        raise UsageError(f"'{folder}' cannot be written: {checkpoints.failure}")
+    (Path(folder) / LOCK).unlink()  # nobody trains there
+
+
+def describe(agent: Agent) -> dict[str, Any]:
+    """Return an agent as a run's settings name it: by its algorithm and hyperparameters.
+
+    Raises:
+      UsageError: its class is defined in no file, or a hyperparameter is not one number.
+    """
+    kind = type(agent)
+    names = [name for name, known in AGENTS.items() if known is kind]
+    file = inspect.getsourcefile(kind) if not names and kind.__module__ != "__main__" else None
+    if not names and file is None:
+        raise UsageError(f"{kind.__name__} must be defined in a file of its own to be saved.")
+    name = names[0] if names else plugins.absolute(f"{file}:{kind.__name__}")
+    settings: dict[str, Any] = {"name": name}
+    for field in dataclasses.fields(agent):  # pyright: ignore[reportArgumentType]
+        value = getattr(agent, field.name)
+        if isinstance(value, jax.Array | np.ndarray | np.generic):
+            if np.size(value) != 1:
+                raise UsageError(
+                    f"{field.name} has {np.size(value)} values: save the runs of a sweep apart."
+                )
+            value = float(np.asarray(value).reshape(()))
+        settings[field.name] = list(value) if isinstance(value, tuple) else value
+    return settings

@@ -1,0 +1,140 @@
+"""A run as its settings describe it: its tasks, agent and programs, and how far it has come."""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax.envs.base import Env
+from jax.sharding import Mesh
+
+from hitmdp_jax.agents import Agent
+from hitmdp_jax.envs import make_env
+from hitmdp_jax.physics import find_engine
+from hitmdp_jax.runs import processes
+from hitmdp_jax.runs.checkpoint import Checkpoints, Progress, with_raw_keys
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.devices import at_once, make_mesh, memory_of, place, spread
+from hitmdp_jax.training.program import (
+    Hyperparameters,
+    Init,
+    Iterate,
+    TrainState,
+    make_train,
+    repeat,
+    transfer,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """What a run's settings stand for on this machine."""
+
+    config: RunConfig
+    agent: Agent
+    mesh: Mesh  # of the devices that share the trainings and their environments
+    envs: list[Env]  # one a task
+
+    @classmethod
+    def create(cls, config: RunConfig) -> "Run":
+        """Make the tasks and the agent; the engine shares its cores out among the devices.
+
+        Raises:
+          UsageError: the devices here cannot be shared out as the settings say, or do not have the
+            memory, or as `make_train`.
+        """
+        mesh = make_mesh(len(config.trainings), config.data_devices)
+        here = sum(d.process_index == jax.process_index() for d in mesh.devices.flat)
+        engine = find_engine(config.physics).shared(here)
+        envs = [make_env(**task, physics=engine) for task in config.tasks]
+        run = cls(config, config.make_agent(), mesh, envs)
+        together = at_once(len(config.trainings), mesh)
+        for task, env in enumerate(envs):
+            run.program(task)  # which says what cannot be trained, before a folder is made
+            assert isinstance(env.observation_size, int)
+            sizes = env.observation_size, env.action_size
+            config.check_memory(sizes, together, memory_of(mesh))
+        return run
+
+    def program(self, task: int) -> tuple[Init, Iterate]:
+        """Return init and step of one training on a task; a step is one report's iterations."""
+        config = self.config
+        init, step = make_train(
+            self.agent,
+            self.envs[task],
+            num_steps=config.env_steps,
+            num_envs=config.num_envs,
+            rollout_length=config.rollout_length,
+        )
+        return init, repeat(step, config.iterations_per_report)
+
+    def programs(self, task: int) -> tuple[Init, Iterate]:
+        """Return init and step of all trainings on a task, ready to compile."""
+        return spread(*self.program(task), self.mesh)
+
+    def keys(self) -> jax.Array:
+        """Return the trainings' keys [R]: a seed's is the same alone, in company and in a sweep."""
+        seeds = [training.seed for training in self.config.trainings]
+        return jax.vmap(jax.random.key)(jnp.array(seeds, jnp.uint32))
+
+    def hyperparameters(self) -> Hyperparameters:
+        """Return the trainings' float hyperparameters, [R] each.
+
+        They are the program's inputs rather than part of it: another value compiles nothing anew.
+        """
+        size = len(self.config.trainings)
+        own = {k: jnp.full(size, x, jnp.float32) for k, x in self.agent.traced_values().items()}
+        return own | jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), self.config.swept)
+
+    def begin(self, task: int, progress: Progress, init: Init) -> TrainState:
+        """Return the state [R, ...] in which a run goes on with a task, on its devices.
+
+        Args:
+          task: the task's place.
+          progress: where the run stands.
+          init: the task's init of all trainings.
+        """
+        state = progress.state
+        if state is None:
+            state = init(*place((self.keys(), self.hyperparameters()), self.mesh))
+        elif progress.task != task:
+            state = place(state, self.mesh)
+            # Both are split off the run's key, which nothing uses any more: a key that is drawn
+            # from and split, too, gives the same numbers twice.
+            keys, of_start = jnp.moveaxis(jax.vmap(jax.random.split)(state.key), 1, 0)
+            fresh = init(of_start, state.hyperparameters)
+            state = transfer(state.replace(key=keys), fresh)
+        # Laid out alike, fresh or restored: the program is one, and is compiled once for both.
+        return place(state, self.mesh)
+
+    def abstract_state(self, task: int) -> TrainState:
+        """Return the shapes and types of the state [R, ...] while the run is on a task."""
+        init, _ = self.program(task)
+        return jax.eval_shape(lambda: jax.vmap(init)(self.keys(), self.hyperparameters()))
+
+    def own(self, tree: Any) -> Any:
+        """Return the arrays [R, ...] of the run's trainings, without what `place` repeated."""
+        size = len(self.config.trainings)
+        return jax.tree.map(lambda x: x if len(x) == size else x[:size], tree)
+
+    def saved(self, progress: Progress) -> Progress:
+        """Return what a checkpoint keeps of where the run stands; all processes are needed."""
+        state = processes.gathered(progress.state, self.mesh)
+        return dataclasses.replace(progress, state=self.own(state))
+
+    def restore(self, checkpoints: Checkpoints) -> Progress:
+        """Return where the newest readable checkpoint, which the first process reads, says so."""
+        read: list[Progress] = []
+
+        def first() -> tuple[int, int]:
+            read.append(checkpoints.restore(self.abstract_state))
+            return read[0].iteration, read[0].task
+
+        iteration, task = processes.told(first)
+        if not processes.several():
+            return read[0]
+        like = jax.eval_shape(with_raw_keys, self.abstract_state(task))
+        blank = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), like)
+        state = processes.broadcast(with_raw_keys(read[0].state) if read else blank)  # pyright: ignore
+        return Progress(iteration, task, state.replace(key=jax.random.wrap_key_data(state.key)))

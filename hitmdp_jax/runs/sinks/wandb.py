@@ -1,0 +1,85 @@
+"""Weights & Biases: one run of theirs for the program, or one for each training."""
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hitmdp_jax.errors import missing_extra
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.folder import WANDB, subfolder
+from hitmdp_jax.runs.sinks.base import Values, columns
+from hitmdp_jax.training.sweep import Training
+
+
+def require_wandb() -> None:
+    """Check that the client is installed.
+
+    Raises:
+      UsageError: it is not.
+    """
+    if importlib.util.find_spec("wandb") is None:
+        raise missing_extra("wandb", "wandb=program or wandb=seed")
+
+
+class WandbSink:
+    """Logs to Weights & Biases; `WANDB_MODE=offline` keeps everything in the run's folder.
+
+    Args:
+      run_dir: the run's folder, whose name groups the runs.
+      config: the run's settings. `wandb` is "program" (means over seeds: one of theirs, in a sweep
+        one for each setting) or "seed" (one of theirs for each training).
+    """
+
+    name = "Weights & Biases"
+
+    def __init__(self, run_dir: Path, config: RunConfig):
+        import wandb
+
+        by_seed, trainings = config.wandb == "seed", config.trainings
+        groups: dict[int, list[int]] = {}
+        for i, training in enumerate(trainings):
+            groups.setdefault(i if by_seed else training.setting, []).append(i)
+        folder = run_dir.absolute()
+        subfolder(folder, WANDB)  # theirs, so that they follow no link there
+
+        def begin(training: Training) -> Any:
+            name, settings = folder.name, config.to_dict()
+            if training.swept:
+                name += f"-setting{training.setting}"
+                settings |= {"swept": training.swept}
+            if by_seed:
+                name += f"-seed{training.seed}"
+                settings |= {"seed": training.seed}
+            return wandb.init(
+                project="hitmdp_jax",
+                dir=str(folder),
+                name=name,
+                id=f"{folder.parent.parent.name}-{folder.parent.name}-{name}".replace("/", "-"),
+                group=folder.name,
+                config=settings,
+                resume="allow",
+                reinit="create_new",
+                settings=wandb.Settings(silent=True),
+            )
+
+        self._runs = [(begin(trainings[places[0]]), places) for places in groups.values()]
+
+    def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
+        """Log what is known."""
+        for run, places in self._runs:
+            points = {}
+            for name, x in columns(metrics):
+                known = x[places][~np.isnan(x[places])]
+                if known.size:
+                    points[name] = float(known.mean())
+            run.log(points, step=env_steps, commit=True)
+
+    def flush(self) -> None:
+        """Nothing to do: the client's own process outlives this one."""
+
+    def close(self) -> None:
+        """Finish the runs."""
+        for run, _ in self._runs:
+            run.finish()

@@ -1,0 +1,165 @@
+import contextlib
+import csv
+import dataclasses
+import importlib
+import io
+import os
+import subprocess
+import sys
+import threading
+import time
+import traceback
+from pathlib import Path
+
+import jax
+import pytest
+
+from hitmdp_jax.cli import arms, figures
+from hitmdp_jax.runs.config import BESIDE_THE_POINT
+from hitmdp_jax.runs.run import Run
+from tests import probes
+from tests.signals import signals_heard
+
+CHECKOUT = Path(__file__).parents[2]
+SMALL = tuple(f"algo.{name}={x}" for name, x in probes.QUICK["algo"].items() if name != "name")
+SMALL += ("report=false",)
+QUICK = ("env=invertedpendulum", "physics=native", "algo=ppo", *SMALL)
+FINISHED = ("env=invertedpendulum", "physics=native", *SMALL, "seeds=2", "seed=3")
+FINISHED += ("eval_every=4096", "eval_episodes=2")
+
+
+@pytest.fixture(scope="package")
+def variables(compilation_cache):
+    """The variables of a process of its own, which finds what is compiled, however quickly."""
+    minimum = "jax_persistent_cache_min_compile_time_secs"
+    before = getattr(jax.config, minimum)
+    jax.config.update(minimum, 0.0)
+    yield {
+        "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir),
+        minimum.upper(): "0",
+        "PYTHONPATH": str(CHECKOUT),
+        "COLUMNS": "200",
+    }
+    jax.config.update(minimum, before)
+
+
+@pytest.fixture(scope="package")
+def command(variables, tmp_path_factory):
+    """Run `python -m hitmdp_jax.<name> ...` to its end in an empty folder, or `cwd`.
+
+    In this process: another one would take seconds to import what is imported here. Runs that
+    differ in nothing that is compiled share a program.
+    """
+    folder = tmp_path_factory.mktemp("cwd")
+    programs, known = Run.programs, {}
+
+    def shared(run, task):
+        beside = {"seed", "total_steps", *BESIDE_THE_POINT} - {"data_devices"}
+        beside = dict.fromkeys(beside, 1)
+        compiled = str(dataclasses.replace(run.config, **beside)), task
+        return known.get(compiled) or known.setdefault(compiled, programs(run, task))
+
+    def run(name, *arguments, cwd=folder):
+        module = importlib.import_module(f"hitmdp_jax.cli.{name}")
+        out, err = io.StringIO(), io.StringIO()
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+        ):
+            patch.setattr(sys, "argv", [name, *map(str, arguments)])
+            patch.setattr(threading, "excepthook", threading.excepthook)
+            # This process is set up already, as it can be only once.
+            for where in (module, figures):
+                patch.setattr(where, "set_up_host", lambda *args: None, raising=False)
+            for name_and_value in variables.items():
+                patch.setenv(*name_and_value)
+            patch.setattr(Run, "programs", shared)
+            patch.chdir(cwd)
+            code = exit_code_of(module.main)
+        return subprocess.CompletedProcess(name, code, out.getvalue(), err.getvalue())
+
+    return run
+
+
+@pytest.fixture
+def arms_here(command, monkeypatch):
+    """Train arms in this process; the results of their trainings."""
+    trained = []
+
+    def train(settings):
+        trained.append(command("train", *settings, cwd=Path.cwd()))
+        return trained[-1].returncode
+
+    monkeypatch.setattr(arms, "train", train)
+    return trained
+
+
+def exit_code_of(function):
+    """Call a function as Python calls a program; return the exit code."""
+    try:
+        function()
+    except SystemExit as stop:
+        return stop.code or 0
+    except Exception:
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+@pytest.fixture
+def start(variables, tmp_path):
+    """Start `python -m hitmdp_jax.<name> ...` and return the process."""
+    processes = []
+
+    def begin(name, *arguments, stdout=subprocess.PIPE):
+        with signals_heard():
+            process = subprocess.Popen(
+                [sys.executable, "-m", f"hitmdp_jax.{name}", *map(str, arguments)],
+                cwd=tmp_path,
+                env=os.environ | variables,
+                stdout=stdout,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        processes.append(process)
+        return process
+
+    yield begin
+    for process in processes:
+        with process:
+            process.kill()
+
+
+@pytest.fixture(scope="package")
+def finished(command, tmp_path_factory):
+    """A finished run of two seeds, 3 and 4; tests leave it as it is."""
+    run_dir = tmp_path_factory.mktemp("runs") / "run"
+    result = command("train", *FINISHED, "total_steps=8192", f"run_dir={run_dir}")
+    assert result.returncode == 0, result.stderr
+    return run_dir, result
+
+
+def rows_of(run_dir, name="metrics.csv"):
+    with (run_dir / name).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def wait_for_rows(run_dir, count, process=None):
+    """Wait until a run that is under way, in a process where one is given, has written rows."""
+    while not (run_dir / "metrics.csv").exists() or len(rows_of(run_dir)) < count:
+        assert process is None or process.poll() is None, process.communicate()
+        time.sleep(0.05)
+
+
+@contextlib.contextmanager
+def signal_after_rows(signum, run_dir, count=3):
+    """Send this process a signal once a run has written rows; whoever runs must handle it."""
+
+    def send():
+        wait_for_rows(run_dir, count)
+        os.kill(os.getpid(), signum)
+
+    with signals_heard():
+        threading.Thread(target=send, daemon=True).start()
+        yield

@@ -1,0 +1,103 @@
+"""`python -m hitmdp_jax reproduce FIGURE RUN_DIR` as a user runs it."""
+
+import shutil
+
+import pytest
+from PIL import Image
+
+from hitmdp_jax.cli.figures import TARGETS
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.video import film
+from tests.cli.conftest import QUICK
+
+
+@pytest.fixture(scope="module")
+def run_dir(finished, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("figures") / "run"
+    shutil.copytree(finished[0], folder)
+    return folder
+
+
+def test_a_figure_of_metrics_is_written_and_named(command, run_dir):
+    result = command("reproduce", "figure6", run_dir, "--seed", "4")
+    assert result.returncode == 0, result.stderr
+    path = run_dir / "figures" / "figure6.png"
+    assert result.stdout == f"{path}\n"
+    assert path.stat().st_size > 10_000
+
+
+def test_several_runs_share_a_figure(command, run_dir):
+    other = shutil.copytree(run_dir, run_dir.parent / "other")
+    result = command("reproduce", "figure8", run_dir, other)
+    assert result.returncode == 0, result.stderr
+    assert (run_dir / "figures" / "figure8.png").stat().st_size > 10_000
+
+
+def test_a_figure_of_episodes_is_written_and_its_table_printed(command, run_dir):
+    result = command("reproduce", "causal", run_dir, "--episodes", "2")
+    assert result.returncode == 0, result.stderr
+    assert (run_dir / "figures" / "causal.png").stat().st_size > 10_000
+    assert all(name in result.stdout for name in ("own choices", "option 3", "minus own"))
+
+
+def test_an_episode_is_a_film_where_pictures_can_be_drawn(command, run_dir, monkeypatch):
+    path = run_dir / "figures" / "figure10.png"
+    result = command("reproduce", "figure10", run_dir, "--episodes", "2")
+    assert (result.returncode, result.stderr) == (0, "")
+    with Image.open(path) as filmed:
+        assert filmed.width == 1500
+
+    def fail(*_):
+        raise UsageError("no luck.")
+
+    monkeypatch.setattr(film, "Painter", fail)
+    result = command("reproduce", "figure10", run_dir, "--episodes", "2")
+    assert result.stderr == "warning: figure10 shows no pictures: no luck.\n"
+    with Image.open(path) as bare:
+        assert bare.width == 1050
+
+
+@pytest.fixture(scope="module")
+def without_options(command, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ppo") / "run"
+    result = command("train", *QUICK, "total_steps=2048", f"run_dir={folder}")
+    assert result.returncode == 0, result.stderr
+    return folder
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_run_without_options_is_refused(command, without_options, target):
+    result = command("reproduce", target, without_options)
+    assert result.returncode == 2
+    assert result.stderr.startswith("error: ")
+    assert "no options to look into" in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["figure7"], "The following arguments are required: RUN_DIR"),
+        (["figure15", "{run}"], "Unknown target 'figure15'; did you mean 'figure5'?"),
+        (["figure7", "{run}/none"], "'{run}/none' is not a run's folder"),
+        (["figure7", "{run}", "--seed", "9"], "seed = 9 is not in the run, which holds 3 to 4."),
+        (["figure6", "{run}", "--seed", "9"], "seed = 9 is not in the run, which holds 3 to 4."),
+        (["figure7", "{run}", "--episodes", "0"], "episodes = 0 must be a positive whole number."),
+        (["figure7", "{run}", "--checkpoint", "7"], "holds no checkpoint 7; it holds 4"),
+        (["figure7", "{run}", "{run}"], "Unrecognized arguments"),
+        (["terminations", "{run}"], "MOPG has no termination functions to draw."),
+    ],
+)
+def test_bad_input_is_explained(command, run_dir, arguments, sentence):
+    result = command("reproduce", *(text.format(run=run_dir) for text in arguments))
+    assert result.returncode == 2
+    assert sentence.format(run=run_dir) in result.stderr
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_run_without_a_checkpoint_says_so(command, run_dir, tmp_path):
+    shutil.copytree(run_dir, tmp_path / "run", ignore=lambda *_: ["checkpoints"])
+    result = command("reproduce", "figure12", tmp_path / "run")
+    assert result.returncode == 2
+    assert "holds no checkpoint" in result.stderr

@@ -1,0 +1,131 @@
+"""`python -m hitmdp_jax report` as a user runs it, and its page as a browser shows it."""
+
+import re
+import shutil
+import time
+
+import pytest
+
+from tests.cli.conftest import QUICK
+
+SECTIONS = (
+    "What was run",
+    "What it learned",
+    "Options while it learned",
+    "When each option acts",
+    "Do the options differ, and do they matter?",
+    "What an embedding means",
+    "Where each option acts",
+    "Video",
+    "Settings",
+)
+
+
+def sections_of(page):
+    return tuple(re.sub(r"<.*?>", "", title) for title in re.findall(r"<h2>(.*?)</h2>", page))
+
+
+@pytest.fixture(scope="module")
+def page(command, finished, tmp_path_factory):
+    """The page of a MOPG run of two seeds."""
+    path = tmp_path_factory.mktemp("report") / "page.html"
+    result = command("report", finished[0], "--episodes=2", f"--out={path}")
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith(f"Saved {path}: ")
+    return path
+
+
+def test_the_page_has_every_section_and_needs_no_network(page):
+    content = page.read_text()
+    assert sections_of(content) == SECTIONS
+    own = re.sub(r"<script.*?</script>", "", content, flags=re.DOTALL)
+    assert not re.search(r"""(src|href)=["']?(https?:)?//""", own)
+    assert "python train.py env=invertedpendulum algo=mopg algo.num_epochs=1" in content
+
+
+def test_a_run_ends_with_its_page_which_says_what_is_left_out(command, tmp_path):
+    run_dir = tmp_path / "ppo"
+    quick = [setting for setting in QUICK if setting != "report=false"]
+    settings = (*quick, "total_steps=2048", f"run_dir={run_dir}")
+    result = command("train", *settings)
+    assert result.returncode == 0, result.stderr
+    content = (run_dir / "report.html").read_text()
+    titles = ("What was run", "What it learned", "Video", "Settings", "Left out")
+    assert sections_of(content) == titles
+    (reason,) = re.findall(r"<li>When each option acts; .*: (.*)</li>", content)
+    assert reason == "PPO has no options to look into."
+
+
+def test_a_run_that_was_cut_short_still_has_a_page(command, finished, tmp_path):
+    run_dir = tmp_path / "run"
+    shutil.copytree(finished[0], run_dir)
+    (run_dir / "metrics.csv").write_text("")
+    shutil.rmtree(run_dir / "checkpoints")
+    result = command("report", run_dir)
+    assert result.returncode == 0, result.stderr
+    content = (run_dir / "report.html").read_text()
+    assert sections_of(content) == ("Settings", "Left out")
+    assert re.search("What it learned.*: The run has no finished iteration.</li>", content)
+
+
+def test_several_runs_are_compared(command, finished, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(finished[0], other)
+    out = tmp_path / "both.html"
+    result = command("report", finished[0], other, f"--out={out}")
+    assert result.returncode == 0, result.stderr
+    content = out.read_text()
+    assert sections_of(content)[0] == "Returns"
+    assert str(other) in content  # two runs of one algorithm are told apart by their folders
+
+
+def test_no_run_is_one_sentence(command, tmp_path):
+    result = command("report", tmp_path / "none")
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+
+
+@pytest.mark.parametrize("width", [1200, 390])
+def test_a_browser_shows_every_figure(page, width):
+    webdriver = pytest.importorskip("selenium.webdriver", reason="Selenium is not installed")
+    browser, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not browser or not driver:
+        pytest.skip("Chromium and its driver are not installed")
+    options = webdriver.ChromeOptions()
+    options.binary_location = browser
+    for argument in ("--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    chrome = webdriver.Chrome(options, webdriver.ChromeService(driver))
+    try:
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
+        chrome.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        chrome.get(page.as_uri())
+        drawn = "return document.querySelectorAll('.js-plotly-plot .main-svg').length"
+        wait_until(lambda: chrome.execute_script(drawn))
+        assert chrome.get_log("browser") == []
+        assert chrome.execute_script("return document.documentElement.scrollWidth") <= width
+        empty = """
+            const plots = [...document.querySelectorAll('.js-plotly-plot')];
+            const blank = (plot) => !plot.data.length || plot.clientHeight < 90;
+            return plots.filter(blank).map((plot) => plot.id)"""
+        assert chrome.execute_script(empty) == []
+        loaded = "return document.querySelector('video').readyState"
+        wait_until(lambda: chrome.execute_script(loaded) >= 2)
+        moved = """
+            const shown = () => JSON.stringify(
+              document.getElementById('explorer-chart').data.map((line) => line.y));
+            const before = shown(), choice = document.getElementById('explorer-dimension');
+            choice.selectedIndex = choice.length - 1;
+            choice.dispatchEvent(new Event('change'));
+            return before !== shown()"""
+        assert chrome.execute_script(moved)
+        assert chrome.get_log("browser") == []
+        asked = "return performance.getEntriesByType('resource').map((entry) => entry.name)"
+        assert all(name.startswith("data:") for name in chrome.execute_script(asked))
+    finally:
+        chrome.quit()
+
+
+def wait_until(condition):
+    while not condition():
+        time.sleep(0.1)

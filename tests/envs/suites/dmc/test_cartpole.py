@@ -1,0 +1,23 @@
+import pytest
+
+from tests.envs.suites.dmc.parity import Oracle, assert_initial_states_agree, assert_steps_agree
+
+TASKS = {
+    "dmc/cartpole_balance": Oracle("cartpole", "balance"),
+    "dmc/cartpole_balance_sparse": Oracle("cartpole", "balance_sparse"),
+}
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_native_steps_as_the_suite(name):
+    assert_steps_agree(name, TASKS[name], "native")
+
+
+@pytest.mark.slow  # compiling takes long; by default, test_reacher stands for the suite in MJX
+@pytest.mark.parametrize("name", TASKS)
+def test_mjx_steps_as_the_suite(name):
+    assert_steps_agree(name, TASKS[name], "mjx", num_steps=1)
+
+
+def test_initial_states_are_the_suites():
+    assert_initial_states_agree("dmc/cartpole_balance", TASKS["dmc/cartpole_balance"])

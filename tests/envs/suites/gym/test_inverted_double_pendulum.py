@@ -1,0 +1,28 @@
+import pytest
+
+from tests.envs.suites.gym.parity import assert_initial_states_agree, assert_steps_agree
+
+
+@pytest.mark.parametrize("version", ["v4", "v5"])
+def test_native_steps_as_gymnasium(version):
+    assert_steps_agree("inverteddoublependulum", version, "native")
+
+
+@pytest.mark.slow  # half a minute to compile; by default, test_half_cheetah stands for MJX
+@pytest.mark.parametrize("version", ["v4", "v5"])
+def test_mjx_steps_as_gymnasium(version):
+    assert_steps_agree("inverteddoublependulum", version, "mjx", num_steps=1, tolerance=1e-3)
+
+
+@pytest.mark.parametrize("version", ["v5"])
+def test_keywords_mean_what_they_mean_in_gymnasium(version):
+    assert_steps_agree(
+        "inverteddoublependulum",
+        version,
+        "native",
+        healthy_reward=3.0,
+    )
+
+
+def test_initial_states_are_gymnasiums():
+    assert_initial_states_agree("inverteddoublependulum", "v5", reset_noise_scale=0.2)

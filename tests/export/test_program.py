@@ -1,0 +1,245 @@
+import functools
+
+import gymnasium
+import jax
+import jax.export
+import jax.numpy as jnp
+import numpy as np
+import onnxruntime
+import pytest
+from brax.training.acme.running_statistics import NestedMeanStd
+
+from hitmdp_jax.agents import AGENTS
+from hitmdp_jax.envs import make_env
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.export.program import FORMATS, export
+from hitmdp_jax.runs.policy import Policy
+from tests.probes import Target
+
+
+@functools.cache
+def policy_of(name):
+    """A policy for the pendulum whose parameters are all drawn, so that each of them matters."""
+
+    @jax.jit
+    def make(key):
+        agent = AGENTS[name](hidden_sizes=(8,))
+        keys = jax.random.split(key, 4)
+        params = agent.init(keys[0], 4, 1).params
+        leaves, structure = jax.tree.flatten(params)
+        drawn = [
+            x + 0.7 * jax.random.normal(k, x.shape)
+            for x, k in zip(leaves, jax.random.split(keys[1], len(leaves)), strict=True)
+        ]
+        mean, std = 0.1 * jax.random.normal(keys[2], (4,)), jax.random.uniform(keys[3], (4,)) + 0.1
+        return Policy(agent, jax.tree.unflatten(structure, drawn), NestedMeanStd(mean, std))
+
+    return make(jax.random.key(1))
+
+
+@functools.cache
+def pendulum():
+    return make_env("invertedpendulum", physics="native")
+
+
+@functools.cache
+def runner(name, format_name, stochastic=False):
+    """Return an exported policy as a function of arrays by name, and its contract."""
+    content, contract = export(policy_of(name), pendulum(), format_name, stochastic)
+    outputs = [x["name"] for x in contract["outputs"]]
+    if format_name == "onnx":
+        session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
+        assert [x.name for x in session.get_inputs()] == [x["name"] for x in contract["inputs"]]
+        assert [x.name for x in session.get_outputs()] == outputs
+
+        def run(**inputs):
+            return dict(zip(outputs, session.run(None, inputs), strict=True))
+    else:
+        call = jax.jit(jax.export.deserialize(bytearray(content)).call)
+
+        def run(**inputs):
+            found = call(*(inputs[x["name"]] for x in contract["inputs"]))
+            return dict(zip(outputs, map(np.asarray, found), strict=True))
+
+    return run, contract
+
+
+def exported_actor(name, format_name):
+    """Return what starts an episode, and acts in it, by the contract alone."""
+    run, contract = runner(name, format_name)
+    types = {x["name"]: x["dtype"] for x in contract["inputs"]}
+    start = {x["name"]: [x["initial"]] for x in contract["inputs"] if "initial" in x}
+
+    def act(obs, memory):
+        inputs = {"obs": obs[None]} | memory
+        found = run(**{n: np.asarray(x, types[n]) for n, x in inputs.items()})
+        return found["action"][0], {n: found[f"next_{n}"] for n in memory}
+
+    return start, act
+
+
+def own_actor(name, start):
+    """Return what starts an episode with the same memory, and acts in it, by `Policy.act`."""
+    policy, key = policy_of(name), jax.random.key(0)
+    structure = jax.tree.structure(policy.initial_memory(key))
+    like = jax.tree.leaves(policy.initial_memory(key))
+    leaves = [jnp.asarray(x[0], y.dtype) for x, y in zip(start.values(), like, strict=True)]
+
+    @jax.jit
+    def act(obs, memory):
+        return policy.act(obs, memory, key, deterministic=True)
+
+    return jax.tree.unflatten(structure, leaves), act
+
+
+def play(start, act, episodes=4):
+    """Play in Gymnasium's own pendulum; return the actions and the score."""
+    env, memory = gymnasium.make("InvertedPendulum-v5"), start
+    actions, total = [], 0.0
+    for seed in range(episodes):
+        obs, _ = env.reset(seed=seed)
+        memory, done = start, False
+        while not done and len(actions) < 400:
+            action, memory = act(obs.astype(np.float32), memory)
+            actions.append(np.clip(np.asarray(action), -3.0, 3.0))
+            obs, reward, terminated, truncated, _ = env.step(actions[-1])
+            total, done = total + float(reward), terminated or truncated
+    return np.array(actions), total
+
+
+@pytest.mark.parametrize("format_name", FORMATS)
+@pytest.mark.parametrize("name", ["mopg", "ppo", "dac"])
+def test_an_exported_policy_plays_in_gymnasium_as_the_policy_itself(name, format_name):
+    start, act = exported_actor(name, format_name)
+    actions, score = play(start, act)
+    own_actions, own_score = play(*own_actor(name, start))
+    np.testing.assert_allclose(actions, own_actions, rtol=0, atol=1e-5)
+    assert score == own_score
+    assert np.ptp(actions) > 0.1
+
+
+@pytest.mark.parametrize("format_name", ["onnx", pytest.param("stablehlo", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", sorted(AGENTS))
+def test_every_algorithm_is_exported_with_its_memory(name, format_name):
+    run, contract = runner(name, format_name)
+    policy, key = policy_of(name), jax.random.key(2)
+    obs = np.asarray(jax.random.normal(key, (64, 4)))
+    memory = policy.initial_memory(key, (64,))
+    names = [x["name"] for x in contract["inputs"][1:]]
+    act = jax.jit(lambda memory: policy.act(obs, memory, key, deterministic=True))
+    for _ in range(2):  # an episode's first step, and one that remembers
+        leaves = dict(zip(names, map(np.asarray, jax.tree.leaves(memory)), strict=True))
+        found = run(obs=obs, **leaves)
+        action, memory = act(memory)
+        np.testing.assert_allclose(found["action"], np.clip(action, -3, 3), atol=1e-5)
+        for n, x in zip(names, jax.tree.leaves(memory), strict=True):
+            np.testing.assert_allclose(found[f"next_{n}"], x, atol=1e-4)
+        assert ("option" in found) == (name != "ppo")
+        assert {n: x.dtype.name for n, x in found.items()} == {
+            x["name"]: x["dtype"] for x in contract["outputs"]
+        }
+
+
+def draws_of(name, key, size):
+    """The numbers that a policy draws by a key, as JAX draws them: option by option, action."""
+    if name == "ppo":
+        return {"normal": jax.random.normal(key, (size, 1))}
+    key_option, key_action = jax.random.split(key)
+    stop = {}
+    if name == "ahp":
+        key_stop, key_option = jax.random.split(key_option)
+        stop = {"uniform": jax.random.uniform(key_stop, (size,))}
+    option = {"gumbel": jax.random.gumbel(key_option, (size, 4))}
+    return stop | option | {"normal": jax.random.normal(key_action, (size, 1))}
+
+
+@pytest.mark.parametrize(
+    ("name", "format_name"),
+    [("mopg", "onnx"), ("mopg", "stablehlo"), ("ahp", "onnx"), ("ppo", "stablehlo")],
+)
+def test_a_stochastic_policy_draws_by_the_noise_that_it_is_given(name, format_name):
+    run, contract = runner(name, format_name, stochastic=True)
+    noise = {x["distribution"]: x["name"] for x in contract["inputs"] if "distribution" in x}
+    policy, key = policy_of(name), jax.random.key(3)
+    obs = np.asarray(jax.random.normal(key, (256, 4)))
+    memory = policy.initial_memory(key, (256,))
+    names = [x["name"] for x in contract["inputs"] if x["name"].startswith("memory")]
+    leaves = dict(zip(names, map(np.asarray, jax.tree.leaves(memory)), strict=True))
+    drawn = draws_of(name, key, 256)
+    assert list(noise) == list(drawn)
+    found = run(obs=obs, **leaves, **{noise[x]: np.asarray(y) for x, y in drawn.items()})
+    action, memory = policy.act(obs, memory, key)
+    np.testing.assert_allclose(found["action"], np.clip(action, -3, 3), atol=1e-5)
+    for n, x in zip(names, jax.tree.leaves(memory), strict=True):
+        np.testing.assert_array_equal(found[f"next_{n}"], x)
+    likeliest, _ = policy.act(obs, policy.initial_memory(key, (256,)), key, deterministic=True)
+    difference = np.abs(found["action"] - np.clip(likeliest, -3, 3))
+    assert (difference > 0.01).mean() > 0.2  # elsewhere both are clipped
+    assert not contract["deterministic"]
+
+
+def test_the_contract_says_what_a_caller_must_know():
+    _, contract = export(policy_of("dac"), pendulum(), "stablehlo")
+    assert contract.pop("versions").keys() == {"hitmdp_jax", "jax"}
+    assert contract == {
+        "schema": 1,
+        "format": "stablehlo",
+        "inputs": [
+            {"name": "obs", "shape": ["batch", 4], "dtype": "float32"},
+            {
+                "name": "memory_previous",
+                "shape": ["batch"],
+                "dtype": "int32",
+                "initial": 0,
+                "drawn": False,
+            },
+            {
+                "name": "memory_initial",
+                "shape": ["batch"],
+                "dtype": "bool",
+                "initial": True,
+                "drawn": False,
+            },
+        ],
+        "outputs": [
+            {"name": "action", "shape": ["batch", 1], "dtype": "float32"},
+            {"name": "next_memory_previous", "shape": ["batch"], "dtype": "int32"},
+            {"name": "next_memory_initial", "shape": ["batch"], "dtype": "bool"},
+            {"name": "option", "shape": ["batch"], "dtype": "int32"},
+        ],
+        "deterministic": True,
+        "observation_names": [
+            "slider position", "hinge angle", "slider velocity", "hinge velocity"
+        ],
+        "action_names": ["slide"],
+        "action_range": [[-3.0], [3.0]],
+        "actions_clipped": True,
+        "control_step_seconds": 0.04,
+        "option_count": 4,
+    }  # fmt: skip
+
+
+def test_a_memory_that_is_drawn_says_so():
+    _, contract = export(policy_of("mopg"), None, "stablehlo")
+    assert contract["inputs"][1]["drawn"]
+    assert not contract["actions_clipped"]
+    assert contract["observation_names"] is contract["control_step_seconds"] is None
+
+
+def test_what_no_coordinate_shows_is_numbered_in_the_contract():
+    policy = policy_of("ppo")
+    _, contract = export(policy, Target(), "stablehlo")
+    assert (contract["observation_names"], contract["action_names"]) == (["obs[0]"], ["action[0]"])
+
+
+def test_what_cannot_be_converted_is_explained():
+    """Operations on whole numbers that jax2onnx does not know; StableHLO knows them all."""
+    policy = policy_of("mopg")
+    deep = policy.replace(agent=policy.agent.replace(value_order=2))
+    with pytest.raises(UsageError, match=r"jax2onnx cannot convert this .*; format stablehlo can"):
+        export(deep, None, "onnx")
+
+
+def test_an_unknown_format_is_explained():
+    with pytest.raises(UsageError, match="Unknown format 'onx'; did you mean 'onnx'"):
+        export(policy_of("ppo"), None, "onx")

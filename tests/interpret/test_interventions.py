@@ -1,0 +1,159 @@
+from collections import Counter
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hitmdp_jax.agents import DAC
+from hitmdp_jax.interpret.episodes import record
+from hitmdp_jax.interpret.interventions import (
+    Interventions,
+    alike,
+    divergence,
+    effects,
+    intervene,
+    shuffled,
+    summary,
+    table,
+)
+from hitmdp_jax.learning.normalization import initial_statistics
+from hitmdp_jax.runs.policy import Policy
+from tests.interpret.test_option_use import episodes, pad, padding, runs
+from tests.interpret.told import Payment, obvious
+from tests.programs import compiled
+
+STEPS = Payment.episode_length
+
+
+def intervened(num_options, key, num_episodes=5):
+    policy, env = obvious(num_options), Payment()
+    own = jax.device_get(record(policy, env, key, num_episodes))
+    return own, intervene(policy, env, key, own)
+
+
+def test_each_intervention_earns_what_its_options_do(key):
+    own, found = intervened(3, key)
+    returns = dict(zip(found.names, found.returns, strict=True))
+    assert list(returns) == [
+        "own choices", "own, shuffled", "uniform choices", "first choice",
+        "option 0", "option 1", "option 2",
+    ]  # fmt: skip
+    expected = own.option.sum(axis=0)
+    np.testing.assert_allclose(returns["own choices"], expected, atol=1e-4)
+    np.testing.assert_allclose(returns["own, shuffled"], expected, atol=1e-4)
+    np.testing.assert_allclose(returns["first choice"], STEPS * own.option[0], atol=1e-4)
+    for k in range(3):
+        np.testing.assert_allclose(returns[f"option {k}"], STEPS * k, atol=1e-4)
+    uniform = returns["uniform choices"]
+    np.testing.assert_allclose(uniform, uniform.round(), atol=1e-4)
+    assert len(set(uniform.round())) > 1  # chance, another for each episode
+    np.testing.assert_array_equal(found.lengths, np.full((7, 5), STEPS))
+
+
+def test_the_summary_names_the_best_and_the_worst_option(key):
+    own, found = intervened(3, key)
+    told = summary(found)
+    assert told["best_option"] == pytest.approx(2 * STEPS)
+    assert told["worst_option"] == pytest.approx(0.0, abs=1e-4)
+    assert told["own_choices"] == pytest.approx(own.option.sum(axis=0).mean(), abs=1e-4)
+    assert told["shuffled_choices"] == pytest.approx(told["own_choices"], abs=1e-4)
+    assert told["first_choice"] == pytest.approx(STEPS * own.option[0].mean(), abs=1e-4)
+
+
+def test_a_single_option_makes_no_difference(key):
+    _, found = intervened(1, key)
+    assert found.names[-1] == "option 0"
+    np.testing.assert_allclose(effects(found).difference, 0.0, atol=1e-4)
+
+
+@given(episodes, padding, st.integers(0, 99))
+def test_shuffling_keeps_each_episodes_activations(episodes, padding, seed):
+    option, alive = pad(episodes, padding)
+    found = shuffled(option, alive, np.random.default_rng(seed))
+    assert found.shape == option.shape
+    for n, episode in enumerate(episodes):
+        column = found[:, n].tolist()
+        whole, rest = divmod(len(column), len(episode))
+        for i in range(whole):
+            part = column[i * len(episode) : (i + 1) * len(episode)]
+            assert Counter(part) == Counter(episode)
+            # Activations that meet become one: there are no more of them, and none is cut.
+            assert len(runs(part)) <= len(runs(episode))
+        assert not Counter(column[len(column) - rest :]) - Counter(episode)
+
+
+def test_shuffling_changes_the_order():
+    option = np.repeat(np.arange(3), 4)[:, None]
+    alive = np.ones_like(option, bool)
+    orders = {tuple(shuffled(option, alive, np.random.default_rng(i))[:, 0]) for i in range(30)}
+    assert len(orders) == 6
+
+
+@pytest.mark.parametrize(
+    ("divergence", "said"),
+    [
+        (0.001 * (1 - np.eye(3)), "The options are practically identical: no two of them are 0.01"),
+        (0.48 * (1 - np.eye(3)), "No two options are practically identical"),
+        (
+            np.array([[0, 0.001, 1], [0.001, 0, 1], [1, 1, 0]]),
+            "Practically identical, less than 0.01 nats apart: options 0 and 1.",
+        ),
+        (
+            np.where(np.arange(6) == 5, 1.0, 0.001),
+            "options 0 and 1; 0 and 2; 0 and 3; 0 and 4; 1 and 2; 1 and 3; 4 more pairs.",
+        ),
+    ],
+)
+def test_options_that_are_practically_identical_are_named(divergence, said):
+    assert said in alike(np.broadcast_to(divergence, (divergence.shape[-1],) * 2))
+
+
+def test_divergence_is_the_mean_of_both_kls_over_states(key):
+    agent, states = (
+        DAC(num_options=3, hidden_sizes=(8,)),
+        np.random.default_rng(0).normal(size=(4, 5)),
+    )
+
+    @compiled
+    def heads_and_divergence(key):
+        params = agent.init(key, 5, 2).params
+        scatter = jax.random.normal(key, (3, 2))
+        params = jax.tree.map(lambda x: x + 0.3 * jax.random.normal(key, x.shape), params)
+        policy = Policy(agent, params | {"rho": scatter}, initial_statistics(5))
+        heads = agent.heads(policy.params, policy.normalized(states))
+        return heads.mean, heads.std, divergence(policy, states)
+
+    mean, std, found = heads_and_divergence(key)
+    expected = np.zeros((3, 3))
+    for s, i, j in np.ndindex(4, 3, 3):
+        for p, q in ((i, j), (j, i)):
+            gap = np.square(mean[s, p] - mean[s, q])
+            kl = np.log(std[q] / std[p]) + (std[p] ** 2 + gap) / (2 * std[q] ** 2) - 0.5
+            expected[i, j] += kl.sum() / 2 / 4
+    assert expected.max() > 0.01
+    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-5)
+
+
+RETURNS = np.array([[1.0, 3.0, 5.0], [2.0, 5.0, 8.0]])
+
+
+def test_effects_pair_the_episodes():
+    found = effects(Interventions(("own choices", "option 0"), RETURNS, RETURNS))
+    np.testing.assert_allclose(found.mean, [3, 5])
+    np.testing.assert_allclose(found.error, [2 / 3**0.5, 3 / 3**0.5])
+    np.testing.assert_allclose(found.difference, [0, 2])
+    np.testing.assert_allclose(found.difference_error, [0, 1 / 3**0.5])  # of 1, 2 and 3
+
+
+@pytest.mark.parametrize(
+    ("episodes", "row"),
+    [(3, ["option 0", "5.0", "1.7", "+2.0", "0.6"]), (1, ["option 0", "2.0", "-", "+1.0", "-"])],
+)
+def test_the_table_measures_against_own_choices(episodes, row):
+    returns = RETURNS[:, :episodes]
+    header, own, other = table(Interventions(("own choices", "option 0"), returns, returns))
+    assert header == ["options", "return", "std error", "minus own", "std error of it"]
+    assert own[3:] == ["-", "-"]
+    assert other == row

@@ -1,0 +1,252 @@
+import copy
+import os
+import pickle
+import re
+
+import jax
+import mujoco
+import numpy as np
+import pytest
+
+from hitmdp_jax import make_env
+from hitmdp_jax.envs.assets import CONTACTS, load_gymnasium_model
+from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.machine import available_cores
+from hitmdp_jax.physics import (
+    ENGINES,
+    MjxEngine,
+    NativeEngine,
+    WarpEngine,
+    find_engine,
+    speed,
+)
+
+BUDGET = SolverBudget(iterations=3, ls_iterations=2, contacts=12)
+NEWTON, PGS = int(mujoco.mjtSolver.mjSOL_NEWTON), int(mujoco.mjtSolver.mjSOL_PGS)
+FALLING_BALL = """<mujoco><option integrator="{}"/><worldbody>
+  <body><freejoint/><geom size="0.1"/></body>
+  </worldbody></mujoco>"""
+# Of two balls on a body one touches the floor, which turns the body; without friction, whose
+# direction MJX chooses otherwise.
+LANDING = """<mujoco><option integrator="{}"/><worldbody>
+  <geom type="plane" size="1 1 1" condim="1"/>
+  <body pos="0 0 0.09"><freejoint/>
+    <geom size="0.1" condim="1"/><geom size="0.05" pos="0.2 0 0" contype="0" conaffinity="0"/>
+  </body></worldbody></mujoco>"""
+MUSCLE = """<mujoco><worldbody>
+  <body><joint name="hinge"/><geom size="0.1"/></body>
+  </worldbody><actuator><general joint="hinge" dyntype="integrator"/></actuator></mujoco>"""
+
+
+def falling_ball(integrator):
+    return mujoco.MjModel.from_xml_string(FALLING_BALL.format(integrator))
+
+
+@pytest.fixture
+def ball():
+    return falling_ball("Euler")
+
+
+def solver_of(model):
+    option, contacts = model.opt, model.numeric(CONTACTS).data[0]
+    return option.solver, option.iterations, option.ls_iterations, contacts
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_every_engine_steps_as_mujoco_does_under_x64(engine):
+    """Whatever JAX's default is, MuJoCo C reads the memory that it was given as what it is."""
+    with jax.enable_x64(True):
+        test_every_engine_steps_as_mujoco_does(engine, "Euler", True)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(
+    ("integrator", "current_fields"), [("Euler", False), ("Euler", True), ("RK4", False)]
+)
+def test_every_engine_steps_as_mujoco_does(engine, integrator, current_fields):
+    """A ball falls 0.1 s, freely: all engines and MuJoCo C agree on where it is."""
+    ball = falling_ball(integrator)
+    physics = find_engine(engine).build(ball, 50, ("xpos",), current_fields)
+    assert physics.name == engine
+    assert physics.frame_skip == 50
+    data = mujoco.MjData(ball)
+    start = jax.jit(physics.initial)(data.qpos, data.qvel)
+    mujoco.mj_forward(ball, data)
+    np.testing.assert_allclose(start["xpos"], data.xpos)
+    after = jax.jit(physics.step)(start, start.ctrl)
+    mujoco.mj_step(ball, data, 50)
+    if current_fields:
+        mujoco.mj_forward(ball, data)
+    np.testing.assert_allclose(after.qpos, data.qpos, atol=1e-5)
+    np.testing.assert_allclose(after.qvel, data.qvel, atol=1e-5)
+    np.testing.assert_allclose(after["xpos"], data.xpos, atol=1e-5)
+    np.testing.assert_allclose(after.displacement, after.qpos - start.qpos, atol=1e-6)
+    assert not after.unstable
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+def test_external_forces_are_those_of_mujoco(engine, integrator):
+    """They are of the last substep's data, with RK4 its last stage's, and zero before any."""
+    model = mujoco.MjModel.from_xml_string(LANDING.format(integrator))
+    physics = find_engine(engine).build(model, 3, ("cfrc_ext",))
+    data = mujoco.MjData(model)
+    start = jax.jit(physics.initial)(data.qpos, data.qvel)
+    np.testing.assert_array_equal(start["cfrc_ext"], 0.0)
+    after = jax.jit(physics.step)(start, start.ctrl)
+    mujoco.mj_step(model, data, 3)
+    mujoco.mj_rnePostConstraint(model, data)
+    assert np.abs(data.cfrc_ext[1]).max() > 50.0
+    np.testing.assert_allclose(after["cfrc_ext"], data.cfrc_ext, rtol=1e-3, atol=0.01)
+    np.testing.assert_allclose(after.qvel, data.qvel, atol=1e-4)
+
+
+def mjx_programs(name):
+    """Return the lines of what XLA is given of a task: of its reset and of its step."""
+    env = make_env(name, physics="mjx")
+    state = jax.eval_shape(env.reset, jax.random.key(0))
+    action = jax.ShapeDtypeStruct((env.action_size,), "float32")
+    lowered = jax.jit(env.reset).lower(jax.random.key(0)), jax.jit(env.step).lower(state, action)
+    return [program.as_text().splitlines() for program in lowered]
+
+
+def test_mjx_multiplies_at_full_precision_on_every_device():
+    """Where MJX leaves it open, a GPU would round factors to ten bits."""
+    for program in mjx_programs("ant"):  # of whose states some fields are derived
+        products = [line for line in program if "stablehlo.dot_general" in line]
+        assert products
+        assert all("precision = [HIGHEST, HIGHEST]" in line for line in products)
+
+
+def test_mjx_closes_over_no_empty_array():
+    """They crash the compiler of jaxlib 0.11 where a program is spread over devices."""
+    for program in mjx_programs("halfcheetah"):
+        constants = [line for line in program if "stablehlo.constant" in line]
+        assert constants
+        assert not [line for line in constants if re.search(r"tensor<(\d+x)*0x", line)]
+
+
+def test_mjx_takes_newton_for_pgs_and_the_task_budget():
+    model = load_gymnasium_model("humanoid.xml")
+    assert model.opt.solver == PGS
+    MjxEngine().prepare(model, BUDGET)
+    assert solver_of(model) == (NEWTON, *BUDGET)
+
+
+def test_warp_takes_newton_for_pgs_and_keeps_the_models_own_budget():
+    model = load_gymnasium_model("humanoid.xml")
+    _, *own = solver_of(model)
+    WarpEngine().prepare(model, BUDGET)
+    assert solver_of(model) == (NEWTON, *own)
+
+
+def test_mjx_keeps_the_models_own_budget_where_there_is_none_or_all_is_wanted():
+    model = load_gymnasium_model("humanoid.xml")
+    _, *own = solver_of(model)
+    MjxEngine().prepare(model)
+    assert solver_of(model) == (NEWTON, *own)
+    MjxEngine(full_budget=True).prepare(model, BUDGET)
+    assert solver_of(model) == (NEWTON, *own)
+
+
+def test_native_leaves_the_model_as_it_is():
+    model = load_gymnasium_model("humanoid.xml")
+    before = solver_of(model)
+    NativeEngine().prepare(model, BUDGET)
+    assert solver_of(model) == before
+
+
+@pytest.mark.parametrize("name", ["mjx", "native"])
+def test_engine_is_prepared_for_alike_by_name_and_as_an_object(name):
+    by_name, by_object = (make_env("humanoid", physics=x) for x in (name, type(ENGINES[name])()))
+    assert solver_of(by_name.model) == solver_of(by_object.model)
+    assert by_name.backend == by_object.backend == name
+
+
+def test_preparing_leaves_the_callers_model_as_it_was():
+    class Standing(MujocoEnv):
+        sample_initial = observation = reward = lambda self, *_: None
+
+    model = load_gymnasium_model("humanoid.xml")
+    before = solver_of(model)
+    env = Standing(model, 1, "mjx", mjx_budget=BUDGET)
+    assert solver_of(env.model) == (NEWTON, *BUDGET)
+    assert solver_of(model) == before
+
+
+def test_names_find_engines_and_engines_find_themselves():
+    for name, engine in ENGINES.items():
+        assert engine.name == name
+        assert find_engine(name) is engine
+        assert find_engine(engine) is engine
+
+
+@pytest.mark.parametrize("choice", ["natve", 3, None, ["mjx"], NativeEngine])
+def test_what_is_no_engine_is_refused_in_a_sentence(choice):
+    with pytest.raises(UsageError, match=r"^Unknown physics .* Valid: mjx, native, warp\.$"):
+        find_engine(choice)
+
+
+def test_devices_share_the_cores_that_the_process_may_use():
+    cores = available_cores()
+    assert NativeEngine().shared(1).num_threads == cores
+    assert NativeEngine().shared(100 * cores).num_threads == 1
+    assert NativeEngine(num_threads=8).shared(2).num_threads == 4
+    for engine in (MjxEngine(), WarpEngine()):
+        assert engine.shared(2) is engine
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs affinity")
+def test_native_uses_only_the_cores_it_may_use(ball, monkeypatch):
+    allowed = os.sched_getaffinity(0)
+    threads = []
+
+    class Spy(speed.Batch):
+        def __init__(self, *arguments, **keywords):
+            super().__init__(*arguments, **keywords)
+            threads.append(self.nthread)
+
+    monkeypatch.setattr(speed, "Batch", Spy)
+    monkeypatch.setattr("hitmdp_jax.physics.native.Batch", Spy)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        physics = NativeEngine().build(ball, 1)
+        physics.step(physics.initial(ball.qpos0, np.zeros(ball.nv)), np.zeros(0, np.float32))
+        speed.native_speed(ball, 1, seconds=0.0)
+    finally:
+        os.sched_setaffinity(0, allowed)
+    assert threads == [1, 1]
+
+
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))]
+)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_tasks_of_every_engine_are_copied_and_pickled(engine, again):
+    env = make_env("invertedpendulum", physics=engine, action_repeat=2)
+    other = again(env)
+    assert other is not env
+    assert (other.backend, other.dt, other.action_size) == (engine, env.dt, env.action_size)
+    if engine == NativeEngine.name:  # where more than JAX's own arrays is copied
+        state = env.reset(jax.random.key(0))
+        states = [e.step(state, np.ones(1, np.float32)) for e in (env, other)]
+        np.testing.assert_array_equal(*(s.obs for s in states))
+
+
+def test_negative_threads_are_refused():
+    with pytest.raises(UsageError, match=r"num_threads = -1 must be a whole number from 0"):
+        NativeEngine(num_threads=-1)
+
+
+@pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
+def test_every_engine_says_how_many_rows_are_safe_and_refuses_activations(engine):
+    assert engine.safe_rows is None or engine.safe_rows > 0
+    with pytest.raises(UsageError, match=r"actuator activations"):
+        engine.check_task(mujoco.MjModel.from_xml_string(MUSCLE))
+
+
+def test_missing_warp_is_explained_before_anything_is_made(monkeypatch):
+    monkeypatch.setattr("mujoco.mjx.warp.WARP_INSTALLED", False)
+    with pytest.raises(UsageError, match=r"needs the extra 'warp': install it with"):
+        make_env("hopper", physics="warp")

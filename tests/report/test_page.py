@@ -1,0 +1,135 @@
+import copy
+import dataclasses
+import html
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+from plotly.offline import get_plotlyjs
+
+from hitmdp_jax.cli.settings import Settings
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.interpret.names import Names
+from hitmdp_jax.report.page import RunReport, compare, explorer
+from hitmdp_jax.runs.sinks import CsvSink
+from tests.interpret.test_insight import insight_of_embeddings
+
+
+def page_of(folder, num_options, seeds):
+    """The page of a run of one iteration, which cannot be filmed, without its programs."""
+    settings = ["env=hopper", f"algo.num_options={num_options}", f"seeds={seeds}"]
+    config = Settings(settings).config()
+    sink = CsvSink(folder, config.trainings)
+    metrics = {
+        name: np.full(seeds, 7.0) for name in ("episode_return", "episodes", "steps_per_second")
+    } | {name: np.ones((seeds, num_options)) for name in ("option_steps", "option_activations")}
+    sink.write(1, 2048, metrics)
+    sink.close()
+
+    def video(path):
+        raise UsageError("no luck.")
+
+    content = RunReport(
+        folder, config, "python train.py", 0, lambda: insight_of_embeddings(num_options), video
+    ).html()
+    return re.sub(r"<script.*?</script>", "", content, flags=re.DOTALL)
+
+
+def headings(page):
+    return re.findall("<h[23]>(.*?)</h[23]>", page)
+
+
+def test_of_a_single_option_is_shown_what_it_has_to_show(tmp_path):
+    page = page_of(tmp_path, 1, seeds=1)
+    assert headings(page) == [
+        "What was run", "What it learned", "Options while it learned", "When each option acts",
+        "What an embedding means", "Embeddings W", "What a dimension does to the actions",
+        "Where each option acts", "Settings", "Left out",
+    ]  # fmt: skip
+    assert "<li>Do the options differ, and do they matter?: The policy has one option.</li>" in page
+    assert "<li>Video: no luck.</li>" in page
+    assert "95% interval" not in page
+    assert "<td>return of all 2,048 steps</td>" in page
+
+
+def test_several_options_and_seeds_have_the_rest(tmp_path):
+    page = page_of(tmp_path, 9, seeds=2)
+    assert {
+        "Which option follows",
+        "How probable the master policy's choice of each option is",
+        "Their cosine similarities",
+    } < {html.unescape(heading) for heading in headings(page)}
+    assert "attention" not in page
+    assert "The options are practically identical" in page
+    assert "practically nothing" in page
+    assert "each of 2 trainings" in page
+    assert "7.00 (interquartile mean of 2 seeds)" in page
+
+
+def test_the_explorers_chart_ends_where_the_noise_of_the_actions_does():
+    known = insight_of_embeddings(9)
+    part = explorer(known)
+    assert f'"limit": {known.perturbation.limit}' in part
+    assert "range: [-1.05 * found.limit, 1.05 * found.limit]" in part
+
+
+class Tags(HTMLParser):
+    """Every start and end of an element, as a browser finds them, and what scripts hold."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.found, self.scripts = [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, sorted(name for name, _ in attrs)))
+
+    def handle_endtag(self, tag):
+        self.found.append(tag)
+
+    def handle_data(self, data):
+        if self.lasttag == "script":
+            self.scripts.append(data)
+
+
+HOSTILE = "</script></title><img src=x onerror=alert(1)>&lt;\u2028\"'"
+
+
+def pages_of_a_stranger(folder, name):
+    """The pages about a run in which everything that has a name has this one."""
+    settings = ["env=hopper", "sweep={algo.gamma:[0.9,0.99]}"]
+    config = Settings(settings).config()
+    sink = CsvSink(folder, config.trainings)
+    names = ("episode_return", "episodes", "steps_per_second", "option_steps", name)
+    sink.write(1, 2048, {column: np.ones(2) for column in names})
+    sink.close()
+    (folder / "made_with.txt").write_text(name)
+    config = dataclasses.replace(
+        config,
+        algo=config.algo | {"name": name, name: name},
+        env=config.env | {"name": name},
+        sweep={name: [0.9, 0.99]},
+    )
+    known = copy.copy(insight_of_embeddings(9))
+    known.__dict__["names"] = Names((name, name), (name,))
+
+    def video(_):
+        raise UsageError(name)
+
+    yield RunReport(folder, config, name, 0, lambda: known, video).html()
+    yield compare({name: (folder, config)}, {name: name})
+
+
+def test_a_strangers_names_are_text_wherever_they_stand(tmp_path):
+    """Hostile ones lead to the elements that harmless ones do, and to no text that is HTML."""
+    pages = {}
+    for i, name in enumerate(("plain", HOSTILE)):
+        (folder := tmp_path / str(i)).mkdir()
+        pages[name] = [*map(Tags, pages_of_a_stranger(folder, name))]
+    for plain, hostile in zip(pages["plain"], pages[HOSTILE], strict=True):
+        assert hostile.found == plain.found
+        mine = "".join(hostile.scripts).replace(get_plotlyjs(), "")
+        assert "alert(1)" in mine
+        # Plotly's charts read HTML themselves, so the name is escaped in what they are told, too.
+        assert not re.search(r"(<|\\u003c)(img|/script)", mine)
+        assert "\u2028" not in mine

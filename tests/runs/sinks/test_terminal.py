@@ -1,0 +1,75 @@
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from hitmdp_jax.runs.sinks.terminal import TerminalSink
+from tests.probes import trainings
+
+
+def metrics(num_seeds=1, **changes):
+    ones = np.ones(num_seeds)
+    return {
+        "steps_per_second": 500.0 * ones,
+        "recent_return": 10.0 + np.arange(num_seeds),
+        "option_steps": np.array([[30.0, 10.0]] * num_seeds),
+        "option_activations": np.array([[2.0, 2.0]] * num_seeds),
+        "option_kl": 0.01 * ones,
+        "action_kl": 0.02 * ones,
+        "action_entropy": 1.5 * ones,
+        "diverged": 0.0 * ones,
+        "unstable": 0.0 * ones,
+    } | changes
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    def run(*reports, terminal=False, total=4096):
+        out = io.StringIO()
+        console = Console(file=out, width=80, force_terminal=terminal, highlight=False)
+        monkeypatch.setattr("hitmdp_jax.runs.sinks.terminal.Console", lambda **_: console)
+        sink = TerminalSink(total, trainings(len(reports[0]["diverged"])))
+        for i, report in enumerate(reports, start=1):
+            sink.write(i, 2048 * i, report)
+        sink.close()
+        return out.getvalue()
+
+    return run
+
+
+def test_a_record_is_one_line_however_narrow_the_pipe(shown):
+    lines = shown(metrics(), metrics()).splitlines()
+    assert len(lines) == 2
+    assert lines[-1].startswith("4,096 of 4,096 env steps  steps/s 500  return of the last 100 ep")
+    assert "option usage 75% 25%  option duration 10.0 steps" in lines[-1]
+    assert "KL option 0.010, action 0.020" in lines[-1]
+
+
+def test_one_seed_has_no_deviation_and_several_do(shown):
+    assert "±" not in shown(metrics())
+    assert "10.5 ± 0.5 over 2 seeds" in shown(metrics(2))
+
+
+def test_what_went_wrong_is_shown(shown):
+    lost = metrics(2, diverged=np.array([0.0, 1.0]), unstable=np.array([0.25, np.nan]))
+    lost["option_steps"] = np.array([[30.0, 10.0], [np.nan, np.nan]])
+    text = shown(lost)
+    assert "diverged seeds 1" in text
+    assert "unstable" in text
+    assert "nan" not in text
+    assert "diverged" not in shown(metrics())
+
+
+def test_before_an_episode_ended_no_return_is_shown(shown):
+    assert "return" not in shown(metrics(recent_return=np.array([np.nan])))
+
+
+def test_a_speed_that_is_not_known_yet_is_not_shown(shown):
+    assert "steps/s" not in shown(metrics(steps_per_second=np.array([np.nan])))
+
+
+def test_a_terminal_shows_progress(shown):
+    text = shown(metrics(), terminal=True)
+    assert "2048/4096" in text
+    assert "option usage" in text

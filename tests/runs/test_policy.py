@@ -1,0 +1,176 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import yaml
+
+import hitmdp_jax
+from hitmdp_jax.agents import MOPG, PPO
+from hitmdp_jax.envs.vector import VectorEnv
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.learning.rollout import RolloutState, collect
+from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
+from hitmdp_jax.runs.policy import Policy, extract, load_all
+from tests.probes import Target
+
+SIZES = {"num_steps": 128, "num_envs": 8, "rollout_length": 16}
+AGENT = MOPG(num_epochs=1, num_options=3, learning_rate=1e-3)
+
+
+@pytest.fixture(scope="module")
+def states():
+    """Two seeds, as after an iteration: compiling one takes longer than all that is tested here."""
+    return after_an_iteration(AGENT, 2)
+
+
+def after_an_iteration(agent, seeds):
+    init, _ = hitmdp_jax.make_train(agent, Target(), **SIZES)
+    keys = jax.random.split(jax.random.key(0), seeds)
+    state = jax.jit(jax.vmap(init))(keys)
+    seen = state.normalizer.replace(mean=state.normalizer.mean + 0.5 + jnp.arange(seeds)[:, None])
+    return state.replace(normalizer=seen, iteration=state.iteration + 1)
+
+
+@pytest.fixture(scope="module")
+def saved(states, tmp_path_factory):
+    run_dir = tmp_path_factory.mktemp("saved") / "run"
+    hitmdp_jax.save(run_dir, AGENT, states)
+    return run_dir
+
+
+def test_what_the_library_trained_is_loaded_as_it_was(saved, states):
+    policy = hitmdp_jax.load(saved, seed=1)
+    assert policy.agent == AGENT
+    jax.tree.map(lambda x, y: np.testing.assert_array_equal(x, y[1]), policy.params,
+                 states.learner.params)  # fmt: skip
+    np.testing.assert_array_equal(policy.normalizer.mean, states.normalizer.mean[1])
+
+
+def test_a_single_state_is_saved_too(states, tmp_path):
+    one = jax.tree.map(lambda x: x[0], states)
+    hitmdp_jax.save(tmp_path / "run", AGENT, one)
+    assert hitmdp_jax.load(tmp_path / "run").normalizer.mean.shape == (1,)
+    with pytest.raises(UsageError, match="holds a run already"):
+        hitmdp_jax.save(tmp_path / "run", AGENT, one)
+    hitmdp_jax.save(tmp_path / "run", AGENT, one, overwrite=True)
+
+
+def test_a_policy_is_a_pytree_that_jits_and_vmaps(saved):
+    iteration, everyone = load_all(saved)
+    assert iteration == 1
+    keys = jax.random.split(jax.random.key(1), 2)
+    obs = jnp.ones(1)
+
+    def act(params, normalizer, key):
+        policy = everyone.replace(params=params, normalizer=normalizer)
+        return policy.act(obs, policy.initial_memory(key), key, deterministic=True)[0]
+
+    together = jax.jit(jax.vmap(act))(everyone.params, everyone.normalizer, keys)
+    for seed, key in enumerate(keys):
+        policy = hitmdp_jax.load(saved, seed)
+        alone, _ = jax.jit(lambda p, k: p.act(obs, p.initial_memory(k), k, True))(policy, key)
+        np.testing.assert_allclose(together[seed], alone, rtol=1e-5)
+
+
+class Whole(Target):
+    """`Target` whose observation is a whole number."""
+
+    def reset(self, rng):
+        state = super().reset(rng)
+        return state.replace(obs=jnp.round(5 * state.obs).astype(jnp.int8))
+
+
+def test_what_a_policy_learned_from_is_what_it_acts_on(states):
+    """A rollout and a trained policy see the same numbers for the same observations."""
+    one = jax.tree.map(lambda x: x[0], states)
+    env = VectorEnv(Whole(), 8, pool_size=4)
+
+    def run(key):
+        memory = AGENT.initial_memory(key, (8,))
+        start = RolloutState(env.reset(key), memory)
+        args = AGENT, one.learner.params, one.normalizer, env, start, key, 2
+        _, batch, _, obs = collect(*args)
+        policy = Policy(AGENT, one.learner.params, one.normalizer)
+        return batch.obs, policy.normalized(obs), obs
+
+    learned_from, acted_on, obs = jax.jit(run)(jax.random.key(3))
+    assert obs.dtype == jnp.int8
+    np.testing.assert_array_equal(learned_from, acted_on)
+    assert len(np.unique(learned_from)) > 2
+
+
+def test_the_best_checkpoint_is_the_one_of_the_highest_return(states, tmp_path):
+    run_dir = tmp_path / "run"
+    hitmdp_jax.save(run_dir, AGENT, states)
+    checkpoints = Checkpoints(run_dir)
+    for i, recent_return in enumerate([5, 9, 1, 2, 3], start=2):
+        seen = states.normalizer.replace(mean=states.normalizer.mean + i)
+        checkpoints.save(Progress(i, 0, states.replace(normalizer=seen)), recent_return)
+    checkpoints.close()
+    extract(run_dir, tmp_path / "one", checkpoint="best")
+    for policy in (
+        hitmdp_jax.load(run_dir, checkpoint="best"),
+        hitmdp_jax.load(tmp_path / "one"),
+        hitmdp_jax.load(tmp_path / "one", checkpoint="best", task=0),
+    ):
+        np.testing.assert_array_equal(policy.normalizer.mean, states.normalizer.mean[0] + 3)
+
+
+def test_observations_of_another_size_are_explained(saved):
+    policy = hitmdp_jax.load(saved)
+    memory = policy.initial_memory(jax.random.key(0))
+    with pytest.raises(UsageError, match=r"obs has shape \(3,\); its last axis must be 1 long"):
+        policy.act(jnp.zeros(3), memory, jax.random.key(0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"seed": 2}, "holds 0 to 1"),
+        ({"checkpoint": 5}, "holds no checkpoint 5; it holds 1"),
+        ({"checkpoint": "newst"}, "holds no checkpoint newst"),
+    ],
+)
+def test_what_is_not_there_is_explained(saved, arguments, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        hitmdp_jax.load(saved, **arguments)
+
+
+def test_a_checkpoint_of_another_algorithm_is_explained(saved, tmp_path, states):
+    run_dir = tmp_path / "run"
+    hitmdp_jax.save(run_dir, AGENT, states)
+    settings = yaml.safe_load((run_dir / "config.yaml").read_text())
+    for change in ({"name": "ppo"}, {"name": "mopg", "num_options": 7}):
+        settings["algo"] = change
+        (run_dir / "config.yaml").write_text(yaml.safe_dump(settings))
+        with pytest.raises(UsageError, match="does not fit the algorithm"):
+            hitmdp_jax.load(run_dir)
+
+
+def test_what_cannot_be_saved_is_explained(states, tmp_path):
+    with pytest.raises(UsageError, match="pass the TrainState"):
+        hitmdp_jax.save(tmp_path / "a", AGENT, states.learner)
+    swept = jax.vmap(lambda rate: AGENT.replace(learning_rate=rate))(jnp.array([1e-3, 1e-4]))
+    with pytest.raises(UsageError, match="learning_rate has 2 values"):
+        hitmdp_jax.save(tmp_path / "b", swept, states)
+    with pytest.raises(UsageError, match="is not a run's folder"):
+        hitmdp_jax.load(tmp_path / "c")
+    assert not (tmp_path / "b").exists()
+
+
+def test_an_agent_with_traced_hyperparameters_is_saved_with_its_numbers(states, tmp_path):
+    agent = PPO(learning_rate=jnp.float32(1e-3), num_epochs=1)
+    hitmdp_jax.save(tmp_path / "run", agent, after_an_iteration(agent, 1))
+    assert hitmdp_jax.load(tmp_path / "run").agent.learning_rate == pytest.approx(1e-3)
+
+
+def test_a_policy_is_copied_out_of_a_run(saved, tmp_path):
+    extract(saved, tmp_path / "one", seed=1)
+    policy, original = hitmdp_jax.load(tmp_path / "one"), hitmdp_jax.load(saved, seed=1)
+    jax.tree.map(np.testing.assert_array_equal, policy, original)
+    size = sum(path.stat().st_size for path in (tmp_path / "one").rglob("*") if path.is_file())
+    assert size < 2 * 2**20
+    with pytest.raises(UsageError, match="holds a run already"):
+        extract(saved, tmp_path / "one")
+    with pytest.raises(UsageError, match="seed = 5 is not in the run"):
+        extract(saved, tmp_path / "two", seed=5)

@@ -1,0 +1,161 @@
+"""What a run's settings stand for: its seeds' keys, and the state in which it goes on."""
+
+import jax
+import numpy as np
+import pytest
+
+import hitmdp_jax
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.runs.checkpoint import Progress
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.run import Run
+from tests.probes import Target
+
+PPO = {"name": "ppo", "num_epochs": 1, "minibatch_size": 8, "hidden_sizes": (8,)}
+SIZES = {"num_envs": 4, "rollout_length": 2, "total_steps": 8}
+
+
+class Clocked(Target):
+    """`Target` whose state also holds a clock."""
+
+    def reset(self, rng):
+        return super().reset(rng).replace(info={"clock": jax.numpy.zeros(())})
+
+
+@pytest.fixture(scope="module", autouse=True)
+def tasks():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("hitmdp_jax.envs._registered", {})
+        hitmdp_jax.register_env("target", Target)
+        hitmdp_jax.register_env("clocked", Clocked)
+        yield
+
+
+def create(**settings):
+    tasks = {"env": {"name": "target"}, "second_env": {"name": "clocked"}}
+    return Run.create(RunConfig(algo=PPO, **(tasks | SIZES | settings)))
+
+
+@pytest.fixture(scope="module")
+def run(tasks):
+    """A transfer of two seeds, 3 and 4."""
+    return create(seed=3, seeds=2)
+
+
+@pytest.fixture(scope="module")
+def inits(run):
+    return [run.programs(task)[0] for task in range(2)]
+
+
+@pytest.fixture(scope="module")
+def first(run, inits):
+    """The state in which the run starts."""
+    return run.begin(0, Progress(0, 0, None), inits[0])
+
+
+def test_a_run_is_refused_where_what_it_surely_needs_does_not_fit(monkeypatch):
+    """Of what the compiler allots, all that is counted must be there, and not much is left out."""
+
+    def has(size):
+        monkeypatch.setattr("hitmdp_jax.runs.devices.memory", lambda: size)
+
+    sizes = {"num_envs": 64, "rollout_length": 512, "total_steps": 1, "seeds": 2}
+    run = create(second_env=None, **sizes)
+    init, step = run.programs(0)
+    state = run.begin(0, Progress(0, 0, None), init)
+    allotted = step.lower(state).compile().memory_analysis()
+    needed = allotted.argument_size_in_bytes + allotted.temp_size_in_bytes
+    has(needed)
+    create(second_env=None, **sizes)
+    has(needed // 10)
+    with pytest.raises(UsageError, match="most of it for seeds, num_envs and rollout_length"):
+        create(second_env=None, **sizes)
+
+
+def raw(tree):
+    def data(x):
+        is_key = jax.dtypes.issubdtype(x.dtype, jax.dtypes.prng_key)
+        return np.asarray(jax.random.key_data(x) if is_key else x)
+
+    return jax.tree.map(data, tree)
+
+
+def assert_same(one, other):
+    jax.tree.map(np.testing.assert_array_equal, raw(one), raw(other))
+
+
+def test_a_seed_gets_the_same_key_alone_and_in_company(run):
+    keys = [create(seed=seed).keys()[0] for seed in (3, 4)]
+    assert_same(jax.numpy.stack(keys), run.keys())
+    assert not np.array_equal(*raw(keys))
+
+
+def test_seeds_lie_on_the_devices_they_share(run, first):
+    assert run.mesh.size == 2
+    assert first.iteration.sharding.device_set == set(run.mesh.devices.flat)
+    assert len(create(seeds=1).mesh.devices) == 1
+
+
+def test_a_run_starts_from_its_keys_and_goes_on_where_it_was(run, inits, first):
+    alone = create(seed=4)
+    init, _ = alone.programs(0)
+    assert_same(jax.tree.map(lambda x: x[1:], first), alone.begin(0, Progress(0, 0, None), init))
+    assert_same(run.begin(0, Progress(7, 0, first), inits[0]), first)
+
+
+@pytest.mark.parametrize("seeds", [1, 2])
+def test_a_restored_state_is_stepped_by_the_same_program(seeds):
+    """Or a run that goes on would be compiled once more."""
+    run = create(seeds=seeds)
+    init, step = run.programs(0)
+    first = run.begin(0, Progress(0, 0, None), init)
+    restored = jax.device_put(
+        jax.tree.map(np.asarray, first.replace(key=jax.random.key_data(first.key))),
+        jax.local_devices()[0],
+    )
+    restored = restored.replace(key=jax.random.wrap_key_data(restored.key))
+    again = run.begin(0, Progress(1, 0, restored), init)
+    assert step.lower(first).as_text() == step.lower(again).as_text()
+
+
+def test_a_transfer_keeps_what_was_learned_in_episodes_of_its_own(run, inits, first):
+    learned = first.replace(iteration=np.full(2, 5, np.int32))
+    state = run.begin(1, Progress(5, 0, learned), inits[1])
+    kept = [(s.learner, s.normalizer, s.iteration) for s in (state, learned)]
+    assert_same(*kept)
+    assert "clock" in state.rollout.env.env.info
+    # Neither the seeds nor the two tasks start in the same states.
+    starts = raw([x.rollout.env.env.obs for x in (first, state)])
+    assert len(np.unique(np.stack(starts))) == 2 * 2 * SIZES["num_envs"]
+
+
+def test_a_second_task_starts_with_keys_that_no_iteration_uses(run, inits, first):
+    starts = []
+
+    def init(keys, hyperparameters):
+        starts.append(keys)
+        return inits[1](keys, hyperparameters)
+
+    state = run.begin(1, Progress(5, 0, first), init)
+    split = jax.vmap(jax.random.split, in_axes=(0, None))
+    # What the second task's start and its first iteration (`Program`) make of their keys.
+    used = raw([*starts, state.key, split(starts[0], 4), split(state.key, 3)])
+    used = np.concatenate([x.reshape(-1, 2) for x in used])
+    assert len(np.unique(used, axis=0)) == len(used)
+
+
+@pytest.mark.parametrize("task", [0, 1])
+def test_the_abstract_state_has_the_shapes_of_the_real_one(run, inits, first, task):
+    state = run.begin(task, Progress(0, 0, first), inits[task])
+    abstract = run.abstract_state(task)
+    assert jax.tree.map(lambda x: (x.shape, x.dtype), state) == jax.tree.map(
+        lambda x: (x.shape, x.dtype), abstract
+    )
+
+
+def test_a_report_spans_2048_steps(run):
+    assert run.config.iterations_per_report == 256
+    init, step = run.program(0)
+    key = jax.random.key(0)
+    state, metrics = jax.eval_shape(lambda key: step(init(key)), key)
+    assert state.iteration.shape == metrics["episodes"].shape == ()
