@@ -20,7 +20,7 @@ from hitmdp_jax.runs import folder
 from hitmdp_jax.runs.config import RunConfig
 from tests.cli.conftest import CHECKOUT, rows_of
 from tests.test_reading import CELL, UNREAD
-from tests.training.test_folder import contents, plant
+from tests.runs.test_folder import contents, plant
 
 EVALUATE = ("evaluate", "{}", "--episodes=2")
 REPORT = ("report", "{}")

@@ -24,7 +24,7 @@ from tests.probes import QUICK
 FOUR_DEVICES = """
 import pickle, sys, jax
 jax.config.update("jax_num_cpu_devices", 4)
-from tests.training.test_devices import after_an_iteration, config
+from tests.runs.test_devices import after_an_iteration, config
 from hitmdp_jax.runs.run import Run
 
 run = Run.create(config(seeds=2, data_devices=2))
