@@ -63,14 +63,15 @@ def export(
       UsageError: the format is unknown, its extra is missing, or the policy does not fit it.
     """
     check_format(name)
-    program = program_of(policy, action_range(env), stochastic)
-    content, versions = {"onnx": to_onnx, "stablehlo": to_stablehlo}[name](program)
-    return content, {
-        "schema": SCHEMA,
-        "format": name,
-        **contract(program, policy, env),
-        "versions": {"hitmdp_jax": importlib.metadata.version("hitmdp-jax")} | versions,
-    }
+    with jax.enable_x64(False):  # under x64, jax2onnx would mix numbers of 32 and of 64 bits
+        program = program_of(policy, action_range(env), stochastic)
+        content, versions = {"onnx": to_onnx, "stablehlo": to_stablehlo}[name](program)
+        return content, {
+            "schema": SCHEMA,
+            "format": name,
+            **contract(program, policy, env),
+            "versions": {"hitmdp_jax": importlib.metadata.version("hitmdp-jax")} | versions,
+        }
 
 
 def program_of(policy: Policy, limits: np.ndarray | None, stochastic: bool = False) -> Program:

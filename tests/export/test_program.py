@@ -243,3 +243,15 @@ def test_what_cannot_be_converted_is_explained():
 def test_an_unknown_format_is_explained():
     with pytest.raises(UsageError, match="Unknown format 'onx'; did you mean 'onnx'"):
         export(policy_of("ppo"), None, "onx")
+
+
+@pytest.mark.parametrize("format_name", FORMATS)
+def test_a_policy_is_exported_under_x64_as_it_is_without(format_name):
+    """There jax2onnx takes some numbers for 64 bits wide, and no runtime loads what it writes."""
+    default, wide = (exported_under(enabled, format_name) for enabled in (False, True))
+    assert wide == default
+
+
+def exported_under(enabled, format_name):
+    with jax.enable_x64(enabled):
+        return export(policy_of("mopg"), pendulum(), format_name)
