@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from hitmdp_jax.cli.settings import Settings
-from hitmdp_jax.cli.train import train
+from hitmdp_jax.cli.train import _sweep_folder, train
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.runs.checkpoint import Checkpoints, saved_iterations
 from hitmdp_jax.runs.config import RunConfig
@@ -244,6 +245,19 @@ def test_a_run_is_not_overwritten_unless_asked(command, tmp_path):
     assert command("train", *arguments, "total_steps=2048", "overwrite=true").returncode == 0
     assert saved_iterations(run_dir) == [1]
     assert len(rows_of(run_dir)) == 1
+
+
+def test_jobs_that_a_launcher_sends_elsewhere_are_not_held_to_this_machines_memory(
+    tmp_path, monkeypatch
+):
+    """A launcher of Hydra's stands for one that an installation adds."""
+    monkeypatch.chdir(tmp_path)
+    arguments = [*QUICK, "seed=0,1", "seeds=1e9", "run_dir=sweep"]
+    with pytest.raises(UsageError, match="of memory, most of it for seeds"):
+        _sweep_folder(Settings(arguments, multirun=True))
+    assert not Path("sweep").exists()
+    elsewhere = Settings([*arguments, "hydra/launcher=basic"], multirun=True)
+    assert _sweep_folder(elsewhere) == Path("sweep")
 
 
 def test_a_sweep_checks_every_job_first_and_resumes(command, tmp_path):
