@@ -127,7 +127,7 @@ def publish_more(run_dir: Path, folder: Path, with_policy: bool) -> None:
     Args:
       run_dir: the run's folder.
       folder: the cell's.
-      with_policy: whether to keep the policy.
+      with_policy: whether to keep the policy; it comes from the newest checkpoint, as scored.
     """
     cell = results.read(folder)
     assert cell is not None

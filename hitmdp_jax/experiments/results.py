@@ -5,7 +5,8 @@ A cell is what one algorithm's seeds did on one task, a folder `results/<task>/<
   seeds.csv    one row a training: its final returns, evaluation and use of options
   curve.csv    its training return at `POINTS` points
   about.yaml   the command, the day, versions, hours
-and, where it has them, `options_used.png` of a sweep and `policy`, the best seed's.
+and, where it has them, `options_used.png` of a sweep and `policy`: that of the seed whose
+deterministic episodes are best, from the newest checkpoint, as they were scored.
 """
 
 import csv
