@@ -2,6 +2,7 @@
 
 import abc
 import copy
+import functools
 from collections.abc import Sequence
 from typing import Any, TypeGuard
 
@@ -135,7 +136,7 @@ class MujocoEnv(Env):
         """Seconds in one control step."""
         return self.model.opt.timestep * self.physics.frame_skip
 
-    @property
+    @functools.cached_property  # tracing MJX takes seconds
     def observation_size(self) -> int:
         """Number of entries in an observation."""
         return jax.eval_shape(self.reset, jax.random.key(0)).obs.shape[-1]

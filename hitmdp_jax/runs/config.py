@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 import yaml
+from brax.envs.base import Env
 
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import Agent, find_agent
@@ -20,7 +21,7 @@ from hitmdp_jax.physics import find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.reading import read_yaml
 from hitmdp_jax.runs.folder import CONFIG
-from hitmdp_jax.training.program import check_sizes, num_iterations
+from hitmdp_jax.training.program import check_sizes, num_iterations, usual_pool_size
 from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
 
 SCHEMA = 3  # of config.yaml; raised where an older package would misread it
@@ -30,6 +31,7 @@ BEFORE = {
     3: {name: {"target_kl": math.inf, "value_decay": 0.0} for name in ("mopg", "ppo")},
 }
 REPORT_STEPS = 2048
+REWARD = 4  # bytes of one, the least that a task's state holds
 MOST = 10**12  # more than any whole number that is asked for here
 WHOLE = {  # name -> the least value
     "seeds": 1,
@@ -126,20 +128,22 @@ class RunConfig:
         return config
 
     def check_memory(
-        self, sizes: tuple[int, int] | None = None, at_once: int = 1, available: int | None = None
+        self, env: Env | None = None, at_once: int = 1, available: int | None = None
     ) -> None:
         """Check that what a run must hold at once can fit into memory, before any of it is made.
 
-        The estimate is a lower bound. It counts the parameters, the optimiser and the pool's
-        rewards of each training, and the observations, actions and rewards of the rollouts. The
-        state of the physics is left out, for its shapes take up to half a minute to find.
+        The estimate is a lower bound. It counts the parameters, the optimiser and the states of
+        the environments and of the pool of each training, and the observations, actions and rewards
+        of the rollouts.
 
         `Run.create` checks once it knows the tasks and the devices. A run of 1e9 trainings never
         gets so far, and no job of a sweep may wait for it: they are checked before, with a task as
-        small as can be and memory that may be an accelerator's.
+        small as can be and memory that may be an accelerator's. So is what trains on accelerators
+        that do not say how much they have; what is too much for them ends when it is made, in a
+        sentence, too (`cli.guard`).
 
         Args:
-          sizes: of the task's observations and actions; None while they are not known.
+          env: the task; None while it is not known.
           at_once: trainings whose rollouts are held at once.
           available: as `checks.check_memory`.
 
@@ -149,15 +153,21 @@ class RunConfig:
         settings = self.samples or math.prod(len(x) for x in (self.sweep or {}).values())
         trainings, agent = self.seeds * settings, self.make_agent()
         steps = self.num_envs * self.rollout_length
-        learner, known = 0, sizes or (1, 1)
-        if sizes or not plugins.is_own(self.algo["name"]):  # which may not learn of any sizes
+        states = self.num_envs + usual_pool_size(self.num_envs, self.rollout_length)
+        learner, state, known = 0, REWARD, (1, 1)
+        if env is not None:
+            assert isinstance(env.observation_size, int)
+            known = env.observation_size, env.action_size
+            state = _bytes_of(jax.eval_shape(env.reset, jax.random.key(0)))
+        # An algorithm of one's own may not learn of any sizes.
+        if env is not None or not plugins.is_own(self.algo["name"]):
             arrays = jax.eval_shape(lambda: agent.init(jax.random.key(0), *known))
-            learner = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(arrays))
+            learner = _bytes_of(arrays)
         check_memory(
             {
                 "seeds and the sizes of algo's networks": trainings * learner,
-                "seeds, num_envs and rollout_length": trainings * steps
-                + 4 * at_once * steps * (sum(known) + 1),
+                "seeds, num_envs and rollout_length": trainings * states * state
+                + at_once * steps * REWARD * (sum(known) + 1),
                 "eval_episodes": 24 * self.eval_episodes if self.eval_every else 0,
             },
             available,
@@ -359,6 +369,10 @@ def trust_named(settings: Mapping[str, Any], remember: bool = False) -> None:
         chosen = settings.get(group)
         if isinstance(chosen, Mapping):
             plugins.trust(str(chosen.get("name")), remember)
+
+
+def _bytes_of(arrays: Any) -> int:
+    return sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(arrays))
 
 
 def _check_division(num_envs: int, data_devices: int) -> None:

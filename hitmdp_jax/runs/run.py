@@ -1,6 +1,7 @@
 """A run as its settings describe it: its tasks, agent and programs, and how far it has come."""
 
 import dataclasses
+import functools
 from typing import Any
 
 import jax
@@ -49,20 +50,25 @@ class Run:
         engine = find_engine(config.physics).shared(here)
         envs = [make_env(**task, physics=engine) for task in config.tasks]
         run = cls(config, config.make_agent(), mesh, envs)
+        run.program(0)  # which says what cannot be trained, before a folder is made
         together = at_once(len(config.trainings), mesh)
-        for task, env in enumerate(envs):
-            run.program(task)  # which says what cannot be trained, before a folder is made
-            assert isinstance(env.observation_size, int)
-            sizes = env.observation_size, env.action_size
-            config.check_memory(sizes, together, memory_of(mesh))
+        for env in envs:
+            config.check_memory(env, together, memory_of(mesh))
         return run
 
     def program(self, task: int) -> tuple[Init, Iterate]:
         """Return init and step of one training on a task; a step is one report's iterations."""
+        return self._one[task]
+
+    @functools.cached_property  # to check a task or an algorithm of one's own is to trace it
+    def _one(self) -> list[tuple[Init, Iterate]]:
+        return [self._build(env) for env in self.envs]
+
+    def _build(self, env: Env) -> tuple[Init, Iterate]:
         config = self.config
         init, step = make_train(
             self.agent,
-            self.envs[task],
+            env,
             num_steps=config.env_steps,
             num_envs=config.num_envs,
             rollout_length=config.rollout_length,

@@ -64,6 +64,11 @@ def num_iterations(
     return -(-num_steps // (num_envs * rollout_length * action_repeat))
 
 
+def usual_pool_size(num_envs: int, rollout_length: int) -> int:
+    """Return how many fresh initial states are drawn an iteration: a quarter of its steps."""
+    return max(1, num_envs * rollout_length // 4)
+
+
 def check_sizes(agent: Agent, num_steps: Any, num_envs: Any, rollout_length: Any) -> None:
     """Reject sizes that no program can be built from.
 
@@ -120,7 +125,7 @@ def make_train(
     check_task(task, f"env = {env!r}" if isinstance(env, type | str) else type(env).__name__)
     assert isinstance(env.observation_size, int)
     check_algorithm(agent, env.observation_size, env.action_size, num_envs, rollout_length)
-    pool_size = reset_pool_size or max(1, num_envs * rollout_length // 4)
+    pool_size = reset_pool_size or usual_pool_size(num_envs, rollout_length)
     vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger)
     iterations = num_iterations(num_steps, num_envs, rollout_length, action_repeat_of(env))
     program = Program(agent, vector_env, rollout_length, iterations)

@@ -22,12 +22,23 @@ class Clocked(Target):
         return super().reset(rng).replace(info={"clock": jax.numpy.zeros(())})
 
 
+class Heavy(Target):
+    """`Target` with a state of 400 kB, as that of a large body."""
+
+    traced = 0
+
+    def reset(self, rng):
+        Heavy.traced += 1
+        return super().reset(rng).replace(info={"field": jax.random.normal(rng, (100_000,))})
+
+
 @pytest.fixture(scope="module", autouse=True)
 def tasks():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("hitmdp_jax.envs._registered", {})
         hitmdp_jax.register_env("target", Target)
         hitmdp_jax.register_env("clocked", Clocked)
+        hitmdp_jax.register_env("heavy", Heavy)
         yield
 
 
@@ -53,23 +64,35 @@ def first(run, inits):
     return run.begin(0, Progress(0, 0, None), inits[0])
 
 
-def test_a_run_is_refused_where_what_it_surely_needs_does_not_fit(monkeypatch):
+@pytest.mark.parametrize(("env", "num_envs", "length"), [("target", 64, 512), ("heavy", 8, 2)])
+def test_a_run_is_refused_where_what_it_surely_needs_does_not_fit(
+    env, num_envs, length, monkeypatch
+):
     """Of what the compiler allots, all that is counted must be there, and not much is left out."""
 
     def has(size):
         monkeypatch.setattr("hitmdp_jax.runs.devices.memory", lambda: size)
 
-    sizes = {"num_envs": 64, "rollout_length": 512, "total_steps": 1, "seeds": 2}
-    run = create(second_env=None, **sizes)
+    sizes = {"num_envs": num_envs, "rollout_length": length, "total_steps": 1, "seeds": 2}
+    settings = {"env": {"name": env}, "second_env": None} | sizes
+    run = create(**settings)
     init, step = run.programs(0)
     state = run.begin(0, Progress(0, 0, None), init)
     allotted = step.lower(state).compile().memory_analysis()
     needed = allotted.argument_size_in_bytes + allotted.temp_size_in_bytes
     has(needed)
-    create(second_env=None, **sizes)
+    create(**settings)
     has(needed // 10)
     with pytest.raises(UsageError, match="most of it for seeds, num_envs and rollout_length"):
-        create(second_env=None, **sizes)
+        create(**settings)
+
+
+def test_a_task_of_ones_own_is_traced_by_its_check_once():
+    """And not anew by whatever asks the run for its program."""
+    run = create(env={"name": "heavy"}, second_env=None)
+    before = Heavy.traced
+    run.programs(0)
+    assert Heavy.traced == before > 0
 
 
 def raw(tree):
