@@ -19,8 +19,8 @@ from hitmdp_jax.figures import theorems
 from hitmdp_jax.runs import folder
 from hitmdp_jax.runs.config import RunConfig
 from tests.cli.conftest import CHECKOUT, rows_of
-from tests.test_reading import CELL, UNREAD
 from tests.runs.test_folder import contents, plant
+from tests.test_reading import CELL, UNREAD
 
 EVALUATE = ("evaluate", "{}", "--episodes=2")
 REPORT = ("report", "{}")
