@@ -115,7 +115,7 @@ def start(variables, tmp_path):
     def begin(name, *arguments, stdout=subprocess.PIPE):
         with signals_heard():
             process = subprocess.Popen(
-                [sys.executable, "-m", f"hitmdp_jax.{name}", *map(str, arguments)],
+                [sys.executable, "-m", "hitmdp_jax", name, *map(str, arguments)],
                 cwd=tmp_path,
                 env=os.environ | variables,
                 stdout=stdout,

@@ -308,7 +308,7 @@ def test_files_that_make_arrays_when_they_are_imported_train_and_are_read(tmp_pa
     own = ("env=own.py:Task", "algo=own.py:Own", "algo.hidden_sizes=[8]", "algo.num_epochs=1")
     settings = (*own, "total_steps=2048", "report=false", "run_dir=run", "seeds=2")
     for door, *arguments in (("train", *settings), ("evaluate", "run", "--episodes=2")):
-        command = [sys.executable, "-m", f"hitmdp_jax.{door}", *arguments]
+        command = [sys.executable, "-m", "hitmdp_jax", door, *arguments]
         result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
         assert result.returncode == 0, result.stderr
 
