@@ -34,9 +34,9 @@ import hitmdp_jax
 site, *settings = sys.argv[1:]
 
 def run(name, *arguments):
-    sys.argv = [name, *arguments]
+    sys.argv = ["hitmdp", name, *arguments]
     with contextlib.redirect_stdout(io.StringIO()) as out:
-        runpy.run_module(f"hitmdp_jax.{name}", run_name="__main__")
+        runpy.run_module("hitmdp_jax", run_name="__main__")
     return out.getvalue()
 
 assert hitmdp_jax.__file__.startswith(site), hitmdp_jax.__file__
