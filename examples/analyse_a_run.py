@@ -15,7 +15,7 @@ from hitmdp_jax.figures.choices import causal_figure
 from hitmdp_jax.figures.embeddings import figure5
 from hitmdp_jax.figures.options_in_time import figure7
 from hitmdp_jax.interpret import interventions
-from hitmdp_jax.interpret.insight import Insight
+from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.interpret.perturbation import sentences
 
 
@@ -27,18 +27,18 @@ def main(folder, num_steps=40_960, episodes=4):
     state = train(key_train)
     policy = hitmdp_jax.Policy(agent, state.learner.params, state.normalizer)
 
-    insight = Insight(policy, env, key_record, episodes)  # computes what is read, when it is read
-    print("share of the steps:", insight.usage.round(2))
-    print("divergence in nats:", insight.divergence.round(3), sep="\n")
-    tables.show(interventions.table(insight.interventions))
-    option, found = insight.by_usage[0], insight.perturbation
+    analysis = OptionAnalysis(policy, env, key_record, episodes)  # computes what is read
+    print("share of the steps:", analysis.usage.round(2))
+    print("divergence in nats:", analysis.divergence.round(3), sep="\n")
+    tables.show(interventions.table(analysis.interventions))
+    option, found = analysis.by_usage[0], analysis.perturbation
     assert found is not None  # MOPG's options are embeddings
-    for sentence in sentences(found, option, insight.names.actuators):
+    for sentence in sentences(found, option, analysis.names.actuators):
         print(f"option {option}: {sentence}")
 
     folder.mkdir(parents=True, exist_ok=True)
     for name, draw in {"figure5": figure5, "figure7": figure7, "causal": causal_figure}.items():
-        draw(insight).savefig(folder / f"{name}.png", dpi=150)
+        draw(analysis).savefig(folder / f"{name}.png", dpi=150)
         print(folder / f"{name}.png")
 
 

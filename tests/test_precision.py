@@ -14,7 +14,7 @@ from hitmdp_jax import make_env
 from hitmdp_jax.agents import AGENTS, PPO
 from hitmdp_jax.envs import list_envs
 from hitmdp_jax.envs.vector import VectorEnv
-from hitmdp_jax.interpret.episodes import record
+from hitmdp_jax.interpret.episodes import run_episodes
 from hitmdp_jax.precision import in_32_bits
 from hitmdp_jax.runs.policy import Policy
 from tests.probes import QUICK
@@ -116,7 +116,7 @@ def test_training_and_evaluation_give_the_same_numbers():
         train = jax.jit(lambda key: hitmdp_jax.train(agent, env, key, **sizes))
         state, metrics = train(jax.random.key(0))
         policy = Policy(agent, state.learner.params, state.normalizer)
-        returns = record(policy, env, jax.random.key(1), 4).returns
+        returns = run_episodes(policy, env, jax.random.key(1), 4).returns
         return state.learner.params, metrics, returns
 
     default, wide = in_both(trained)

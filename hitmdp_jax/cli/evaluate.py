@@ -19,8 +19,8 @@ from hitmdp_jax.cli.settings import Parser
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.interpret.evaluation import ENGINES, Scores, check_request, score_each, task_env
 from hitmdp_jax.interpret.forced_options import number_of_options
-from hitmdp_jax.interpret.insight import Insight
 from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, summary
+from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.reading import read_rows
 from hitmdp_jax.runs.checkpoint import Progress
 from hitmdp_jax.runs.config import RunConfig, Task
@@ -87,8 +87,8 @@ def _main() -> None:
     if options.choices:
         env = task_env(task, engine)
         for i, key in enumerate(keys):
-            insight = Insight(policies.of(i), env, key, options.episodes)
-            choices.append(summary(insight.interventions))
+            analysis = OptionAnalysis(policies.of(i), env, key, options.episodes)
+            choices.append(summary(analysis.interventions))
     if options.json:
         both = itertools.zip_longest(rows, choices, fillvalue={})
         print(json.dumps([entry | choice for entry, choice in both], indent=2))

@@ -18,8 +18,8 @@ from hitmdp_jax.figures import choices, embeddings, options_in_time
 from hitmdp_jax.figures.curves import read_metrics, save
 from hitmdp_jax.interpret.evaluation import check_episodes
 from hitmdp_jax.interpret.forced_options import number_of_options
-from hitmdp_jax.interpret.insight import Insight
 from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, table
+from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import FIGURES, check_replaceable, refuse_link, subfolder
 from hitmdp_jax.runs.host import set_up_host
@@ -52,14 +52,14 @@ def draw_episodes(target: str, arguments: list[str]) -> int:
     parser.add_argument("--episodes", type=int, default=EPISODES, help=f"({EPISODES})")
     options = parser.parse_args(arguments)
     path = _place(options.run_dir, target)
-    insight = insight_of(options)
-    figure = OF_EPISODES[target](insight)
+    analysis = analysis_of(options)
+    figure = OF_EPISODES[target](analysis)
     if target == "causal":
-        tables.show(table(insight.interventions))
+        tables.show(table(analysis.interventions))
     return _save(figure, path)
 
 
-def insight_of(options: argparse.Namespace) -> Insight:
+def analysis_of(options: argparse.Namespace) -> OptionAnalysis:
     """Return what the options of a policy do, on the task that it was trained on last.
 
     Args:
@@ -77,7 +77,7 @@ def insight_of(options: argparse.Namespace) -> Insight:
     choice = load_chosen(options)
     key = jax.random.key(choice.training.seed + SEED_OFFSET)
     env = make_env(**choice.task, physics=config.physics)
-    return Insight(choice.policy, env, key, options.episodes)
+    return OptionAnalysis(choice.policy, env, key, options.episodes)
 
 
 def _parser(target: str) -> Parser:
@@ -98,14 +98,14 @@ def _save(figure: Figure, path: Path) -> int:
     return 0
 
 
-def _filmed(insight: Insight) -> Figure:
+def _filmed(analysis: OptionAnalysis) -> Figure:
     """Draw Figure 10, with pictures if there can be any here."""
     try:
-        pictures = film.pictures(insight.env, insight.trajectories)
+        pictures = film.pictures(analysis.env, analysis.trajectories)
     except UsageError as reason:
         warn(f"figure10 shows no pictures: {reason}")
         pictures = None
-    return options_in_time.figure10(insight, pictures=pictures)
+    return options_in_time.figure10(analysis, pictures=pictures)
 
 
 def _of_metrics(target: str, configs: dict[Path, RunConfig], seed: int | None) -> Figure:
@@ -124,7 +124,7 @@ def _of_metrics(target: str, configs: dict[Path, RunConfig], seed: int | None) -
 
 
 OF_METRICS = {"figure6": 1, "figure8": None, "figure9": None}  # -> how many runs; None: any number
-OF_EPISODES: dict[str, Callable[[Insight], Figure]] = {
+OF_EPISODES: dict[str, Callable[[OptionAnalysis], Figure]] = {
     "figure5": embeddings.figure5,
     "figure7": options_in_time.figure7,
     "figure10": _filmed,
@@ -137,7 +137,7 @@ OF_EPISODES: dict[str, Callable[[Insight], Figure]] = {
     "divergence": choices.divergence_figure,
     "attention": choices.attention_figure,
     "terminations": choices.terminations_figure,
-    "clusters": choices.clusters_figure,
+    "projection": choices.projection_figure,
 }
 TARGETS = {name: functools.partial(draw_metrics, name) for name in OF_METRICS} | {
     name: functools.partial(draw_episodes, name) for name in OF_EPISODES

@@ -18,7 +18,7 @@ from hitmdp_jax.cli.guard import guarded
 from hitmdp_jax.cli.settings import Parser, writable
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.interpret.episodes import Trajectories, record
+from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
 from hitmdp_jax.interpret.evaluation import check_episodes
 from hitmdp_jax.runs import folder
 from hitmdp_jax.runs.config import RunConfig
@@ -108,21 +108,21 @@ def report(
         return everyone.of(place), make_env(**task, physics=engine)
 
     @functools.cache
-    def insight():
+    def analysis():
         from hitmdp_jax.interpret.forced_options import number_of_options
-        from hitmdp_jax.interpret.insight import Insight
+        from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 
         number_of_options(config.make_agent())  # before anything is compiled
         policy, env = policy_and_env()
-        return Insight(policy, env, key, episodes)
+        return OptionAnalysis(policy, env, key, episodes)
 
     def recorded() -> Trajectories:
         """Return the episodes that the page speaks of; one of a policy without options."""
         try:
-            return insight().trajectories
+            return analysis().trajectories
         except UsageError:
             policy, env = policy_and_env()
-            return jax.device_get(record(policy, env, key, 1, physics=True))
+            return jax.device_get(run_episodes(policy, env, key, 1, physics=True))
 
     def video(path: Path) -> None:
         from hitmdp_jax.cli.video import check_filming
@@ -134,7 +134,7 @@ def report(
         beginning = shown.alive & (np.arange(len(shown.alive)) < FILMED)[:, None]
         write_video(path, env, shown.replace(alive=beginning), episodes=[0], size=PIXELS)
 
-    return RunReport(run_dir, config, command_line(config), place, insight, video).html()
+    return RunReport(run_dir, config, command_line(config), place, analysis, video).html()
 
 
 def _median(run_dir: Path, config: RunConfig) -> int:

@@ -42,7 +42,7 @@ of `--setting N` (0).
   divergence    how far the options' actions are apart
   attention     what the master policy attends to, which is not yet its choice
   terminations  how probable it is that options end
-  clusters      visited states in two dimensions
+  projection    visited states in two dimensions
 """
 
 import time

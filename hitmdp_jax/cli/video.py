@@ -22,7 +22,7 @@ from hitmdp_jax.cli.settings import Parser, writable
 from hitmdp_jax.envs import check_env, make_env
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.errors import UsageError, warn
-from hitmdp_jax.interpret.episodes import record
+from hitmdp_jax.interpret.episodes import run_episodes
 from hitmdp_jax.interpret.evaluation import check_episodes, check_fit
 from hitmdp_jax.physics import find_engine
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
@@ -71,7 +71,7 @@ def _main() -> None:
     check_fit(choice.policy, env)
     key = jax.random.key(choice.training.seed + SEED_OFFSET)
     how = {"deterministic": options.deterministic, "physics": True}
-    recorded = jax.device_get(record(choice.policy, env, key, options.episodes, **how))
+    recorded = jax.device_get(run_episodes(choice.policy, env, key, options.episodes, **how))
     for total, steps in zip(recorded.returns, recorded.lengths, strict=True):
         print(f"An episode of {steps:,} steps, return {total:,.1f}.")
     from hitmdp_jax.figures.curves import pixels, save

@@ -13,17 +13,17 @@ from matplotlib.ticker import MaxNLocator
 from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.figures.curves import plain
 from hitmdp_jax.figures.drawing import annotate, heat_map, limit_of, number_options
-from hitmdp_jax.interpret.insight import Insight
-from hitmdp_jax.interpret.perturbation import SPREAD, Perturbation, strongest
+from hitmdp_jax.interpret.option_analysis import OptionAnalysis
+from hitmdp_jax.interpret.perturbation import EMBEDDING_SCALE, Perturbation, strongest
 from hitmdp_jax.interpret.visited_states import cosine_similarities
 
 ROW = 0.22  # inches of a row of a heat map
 
 
-def figure5(insight: Insight) -> Figure:
+def figure5(analysis: OptionAnalysis) -> Figure:
     """Draw all embeddings, and what four dimensions do to the actions under the main option."""
-    rows, perturbed = _embedded(insight, "figure5")
-    option = insight.by_usage[0]
+    rows, perturbed = _embedded(analysis, "figure5")
+    option = analysis.by_usage[0]
     chosen = strongest(perturbed.slopes[option])[:4]
     heights = 1.2 + height(len(rows)), 1.5 + height(num_actuators(perturbed))
     figure = Figure(figsize=(9, sum(heights)), layout="constrained")
@@ -33,13 +33,13 @@ def figure5(insight: Insight) -> Figure:
     top.suptitle("(a) option embeddings W")
     bottom.suptitle(f"(b) the dimensions that move actions most under option {option}")
     panels = bottom.subplots(1, len(chosen), sharey=True, squeeze=False)[0]
-    _effects(bottom, panels, perturbed, [(option, e) for e in chosen], insight.names.actuators)
+    _effects(bottom, panels, perturbed, [(option, e) for e in chosen], analysis.names.actuators)
     return figure
 
 
-def figure12(insight: Insight) -> Figure:
+def figure12(analysis: OptionAnalysis) -> Figure:
     """Draw all embeddings, and the cosines of the angles between them."""
-    rows, _ = _embedded(insight, "figure12", perturb=False)
+    rows, _ = _embedded(analysis, "figure12", perturb=False)
     figure = Figure(figsize=(9, 0.8 + 1.6 * height(len(rows))), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3.2, 1))
     _embeddings(left, rows)
@@ -51,49 +51,51 @@ def figure12(insight: Insight) -> Figure:
     return figure
 
 
-def figure13(insight: Insight, option: int | None = None, dimension: int | None = None) -> Figure:
+def figure13(
+    analysis: OptionAnalysis, option: int | None = None, dimension: int | None = None
+) -> Figure:
     """Draw what one dimension of one option's embedding does to every actuator.
 
     Args:
-      insight: of a policy with embeddings.
+      analysis: of a policy with embeddings.
       option: None takes the one used most.
       dimension: None takes the one that moves an actuator most.
 
     Raises:
       UsageError: there are no embeddings, or no such option or dimension.
     """
-    rows, perturbed = _embedded(insight, "figure13")
-    option = _in_range("option", insight.by_usage[0] if option is None else option, len(rows))
+    rows, perturbed = _embedded(analysis, "figure13")
+    option = _in_range("option", analysis.by_usage[0] if option is None else option, len(rows))
     first = strongest(perturbed.slopes[option])[0]
     dimension = _in_range("dimension", first if dimension is None else dimension, rows.shape[1])
     figure = Figure(
         figsize=(5.5, 1.2 + 1.3 * height(num_actuators(perturbed))), layout="constrained"
     )
     panels = [figure.subplots()]
-    _effects(figure, panels, perturbed, [(option, dimension)], insight.names.actuators)
+    _effects(figure, panels, perturbed, [(option, dimension)], analysis.names.actuators)
     panels[0].set_title(f"dimension {dimension} of option {option}")
     return figure
 
 
-def figure14(insight: Insight, options: Sequence[int] | None = None) -> Figure:
+def figure14(analysis: OptionAnalysis, options: Sequence[int] | None = None) -> Figure:
     """Draw what the three heaviest dimensions of two options' embeddings do.
 
     Args:
-      insight: of a policy with embeddings.
+      analysis: of a policy with embeddings.
       options: None takes the two used most.
 
     Raises:
       UsageError: there are no embeddings, or no such option.
     """
-    rows, perturbed = _embedded(insight, "figure14")
-    wanted = insight.by_usage[:2] if options is None else options
+    rows, perturbed = _embedded(analysis, "figure14")
+    wanted = analysis.by_usage[:2] if options is None else options
     chosen = [_in_range("option", option, len(rows)) for option in wanted]
     pairs = [(k, e) for k in chosen for e in np.argsort(-np.abs(rows[k]), kind="stable")[:3]]
     row = 1.0 + height(num_actuators(perturbed))
     figure = Figure(figsize=(9, row * len(chosen)), layout="constrained")
     grid = figure.subplots(len(chosen), len(pairs) // len(chosen), sharey=True, squeeze=False)
     panels = list(grid.ravel())
-    _effects(figure, panels, perturbed, pairs, insight.names.actuators)
+    _effects(figure, panels, perturbed, pairs, analysis.names.actuators)
     for axes, (k, e) in zip(panels, pairs, strict=True):
         axes.set_title(f"option {k}, dim {e}: W = {rows[k, e]:+.2f}", fontsize="small")
     return figure
@@ -109,22 +111,24 @@ def height(rows: int) -> float:
     return ROW * max(rows, 5)
 
 
-def _embedded(insight: Insight, name: str, perturb: bool = True) -> tuple[np.ndarray, Perturbation]:
+def _embedded(
+    analysis: OptionAnalysis, name: str, perturb: bool = True
+) -> tuple[np.ndarray, Perturbation]:
     """Return the embeddings and, if wanted, what perturbing them does.
 
     Raises:
       UsageError: the agent's options are no embeddings.
     """
-    rows = insight.embeddings
+    rows = analysis.embeddings
     if rows is None:
-        kind = type(insight.policy.agent).__name__
+        kind = type(analysis.policy.agent).__name__
         raise UsageError(f"{name} shows option embeddings, and {kind} has none.")
-    perturbed = insight.perturbation if perturb else None
+    perturbed = analysis.perturbation if perturb else None
     return rows, perturbed  # pyright: ignore[reportReturnType]
 
 
 def _embeddings(axes: Axes, rows: np.ndarray) -> None:
-    image = heat_map(axes, rows, limit_of(rows, SPREAD), signed=True)
+    image = heat_map(axes, rows, limit_of(rows, EMBEDDING_SCALE), signed=True)
     number_options(axes, len(rows), "y")
     axes.set(xlabel="dimension", ylabel="option")
     axes.figure.colorbar(image, ax=axes, pad=0.01, ticks=MaxNLocator(4))

@@ -23,7 +23,7 @@ from hitmdp_jax.figures.curves import (
 )
 from hitmdp_jax.figures.drawing import UNKNOWN, lanes, lowest, small_multiples
 from hitmdp_jax.figures.style import option_color
-from hitmdp_jax.interpret.insight import Insight
+from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 
 STRIP_STEPS = 512  # of an episode in Figure 7, as in the paper
 LANE = 0.16  # inches of an option's lane
@@ -46,14 +46,14 @@ def figure6(metrics: Metrics, title: str, switch_at: int | None = None) -> Figur
     return option_durations(metrics, title, switch_at)
 
 
-def figure7(insight: Insight, number: int = 4) -> Figure:
+def figure7(analysis: OptionAnalysis, number: int = 4) -> Figure:
     """Draw which options are active in the first 512 steps of some episodes; grey: it has ended."""
-    episodes = insight.activations[:number]
-    returns, height = insight.trajectories.returns, 0.5 + LANE * insight.num_options
+    episodes = analysis.activations[:number]
+    returns, height = analysis.trajectories.returns, 0.5 + LANE * analysis.num_options
     figure = Figure(figsize=(6, 0.6 + len(episodes) * height), layout="constrained")
 
     def draw(n: int, axes: Axes) -> None:
-        lanes(axes, episodes[n], insight.num_options, STRIP_STEPS)
+        lanes(axes, episodes[n], analysis.num_options, STRIP_STEPS)
         axes.set_title(f"run {n + 1}: return {returns[n]:.0f}", loc="left", fontsize="medium")
 
     panels = small_multiples(figure, len(episodes), 1, draw)
@@ -107,7 +107,7 @@ figure9 = figure8  # the paper's has harder tasks
 
 
 def figure10(
-    insight: Insight, episode: int = 0, pictures: Mapping[int, np.ndarray] | None = None
+    analysis: OptionAnalysis, episode: int = 0, pictures: Mapping[int, np.ndarray] | None = None
 ) -> Figure:
     """Draw how one whole episode is composed of options, below a film of it if there are pictures.
 
@@ -115,24 +115,24 @@ def figure10(
     in a border of the colour of the option that acts in it.
 
     Args:
-      insight: of a policy.
+      analysis: of a policy.
       episode: which of the recorded episodes.
       pictures: step -> picture [H, W, 3] of it, as `video.pictures` gives them.
 
     Raises:
       UsageError: there is no such episode.
     """
-    if not 0 <= episode < len(insight.activations):
-        last = len(insight.activations) - 1
+    if not 0 <= episode < len(analysis.activations):
+        last = len(analysis.activations) - 1
         raise out_of_domain("episode", episode, f"a whole number from 0 to {last}")
-    drawn, number = insight.activations[episode], insight.num_options
+    drawn, number = analysis.activations[episode], analysis.num_options
     strip = 0.6 + 1.5 * LANE * number
     if pictures:
         rows, columns, _ = next(iter(pictures.values())).shape
         film = FILM_WIDTH / len(pictures) * rows / columns
         figure = Figure(figsize=(FILM_WIDTH + 0.6, 0.6 + strip + film), layout="constrained")
         above, axes = figure.subplots(2, sharex=True, height_ratios=(film, strip))
-        options = np.asarray(insight.trajectories.option)[list(pictures), episode].tolist()
+        options = np.asarray(analysis.trajectories.option)[list(pictures), episode].tolist()
         _film(above, list(pictures.values()), options, float(drawn.duration.sum()))
         for step in pictures:
             axes.axvline(step, color="black", lw=0.8)
@@ -140,7 +140,7 @@ def figure10(
         figure = Figure(figsize=(7, 0.5 + strip), layout="constrained")
         above = axes = figure.subplots()
     lanes(axes, drawn, number)
-    returned = insight.trajectories.returns[episode]
+    returned = analysis.trajectories.returns[episode]
     axes.set(xlabel="step", ylabel="option")
     above.set_title(f"episode {episode}: return {returned:.0f}", loc="left", fontsize="medium")
     return figure

@@ -63,7 +63,7 @@ class Trajectories(struct.PyTreeNode):
 
 
 @functools.partial(jax.jit, static_argnames=("env", "num_episodes", "deterministic", "physics"))
-def record(
+def run_episodes(
     policy: Policy,
     env: Env,
     key: jax.Array,
@@ -116,7 +116,7 @@ def record(
     return in_32_bits(Trajectories(**steps, terminated=~alive, success=success))
 
 
-def record_in_gymnasium(
+def run_in_gymnasium(
     policy: Policy,
     task: dict[str, Any],
     key: jax.Array,

@@ -14,7 +14,7 @@ from brax.envs.base import Env
 from hitmdp_jax.checks import check_memory
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError, unknown_name
-from hitmdp_jax.interpret.episodes import record, record_in_gymnasium
+from hitmdp_jax.interpret.episodes import run_episodes, run_in_gymnasium
 from hitmdp_jax.physics import ENGINES as PHYSICS
 from hitmdp_jax.runs.config import Task, whole_number
 from hitmdp_jax.runs.policy import Policy
@@ -81,7 +81,7 @@ def score(
     """
     check_request(engine, episodes)
     if engine == "gymnasium":
-        recorded = record_in_gymnasium(policy, task, key, episodes, deterministic=deterministic)
+        recorded = run_in_gymnasium(policy, task, key, episodes, deterministic=deterministic)
         return Scores(np.asarray(recorded.returns), np.asarray(recorded.lengths))
     return score_in_jax(policy, task_env(task, engine), episodes, key, deterministic)
 
@@ -155,12 +155,12 @@ def check_fit(policy: Policy, env: Env) -> None:
         raise UsageError(f"The policy's actions have {size} parts; the task's {env.action_size}.")
 
 
-# Compiled apart from `record`: the compiler then leaves out whatever is recorded step by step.
+# Compiled apart from `run_episodes`: the compiler then leaves out what is recorded step by step.
 @functools.partial(jax.jit, static_argnames=("env", "episodes", "deterministic"))
 def _totals(
     policy: Policy, env: Env, key: jax.Array, episodes: int, deterministic: bool
 ) -> tuple[jax.Array, jax.Array, jax.Array | None]:
-    recorded = record(policy, env, key, episodes, deterministic=deterministic)
+    recorded = run_episodes(policy, env, key, episodes, deterministic=deterministic)
     return recorded.returns, recorded.lengths, recorded.success
 
 

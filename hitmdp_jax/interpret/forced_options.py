@@ -13,7 +13,7 @@ from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.runs.policy import Policy
 
 
-class Directed(Agent):
+class ForcedOptions(Agent):
     """An agent that takes the options of a schedule, and for the rest does as it would.
 
     Its actions are drawn from the agent's own P(a | s, o) by the same keys: under a schedule of its
@@ -50,7 +50,7 @@ class Directed(Agent):
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:
         """Refuse to learn."""
-        raise NotImplementedError("a directed agent acts; it does not learn")
+        raise NotImplementedError("an agent with forced options acts; it does not learn")
 
     def option_of(self, record: jax.Array) -> jax.Array:
         """Return the options that were executed."""
@@ -69,7 +69,7 @@ class Directed(Agent):
         return jnp.take_along_axis(self.schedule, step, axis=0)[0]
 
 
-def directed(policy: Policy, schedule: jax.Array) -> Policy:
+def force_options(policy: Policy, schedule: jax.Array) -> Policy:
     """Return the policy under a schedule of options.
 
     Args:
@@ -81,7 +81,7 @@ def directed(policy: Policy, schedule: jax.Array) -> Policy:
       UsageError: the agent has no options.
     """
     number_of_options(policy.agent)
-    return Policy(Directed(policy.agent, schedule), policy.params, policy.normalizer)
+    return Policy(ForcedOptions(policy.agent, schedule), policy.params, policy.normalizer)
 
 
 def number_of_options(agent: Agent) -> int:
@@ -90,7 +90,7 @@ def number_of_options(agent: Agent) -> int:
     Raises:
       UsageError: the agent has no options, or none that can be chosen from outside.
     """
-    if isinstance(agent, Directed):
+    if isinstance(agent, ForcedOptions):
         return number_of_options(agent.agent)
     number, kind = getattr(agent, "num_options", None), type(agent)
     if not isinstance(number, int) or kind.policy is Agent.policy:

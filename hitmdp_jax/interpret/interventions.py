@@ -15,8 +15,8 @@ from brax.envs.base import Env
 from numpy.typing import ArrayLike
 
 from hitmdp_jax.experiments.statistics import number
-from hitmdp_jax.interpret.episodes import Trajectories, record
-from hitmdp_jax.interpret.forced_options import directed, number_of_options
+from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
+from hitmdp_jax.interpret.forced_options import force_options, number_of_options
 from hitmdp_jax.interpret.option_use import activations
 from hitmdp_jax.runs.policy import Policy
 
@@ -109,7 +109,7 @@ def intervene(
       policy: of an agent with options.
       env: the task, unbatched and without auto-reset.
       key: that of `own`, so that the episodes start in the same states.
-      own: the policy's own episodes, as `record` gave them.
+      own: the policy's own episodes, as `run_episodes` gave them.
       deterministic: take the likeliest action instead of sampling; as for `own`.
 
     Raises:
@@ -135,8 +135,8 @@ def _returns_and_lengths(
     """Return what episodes under plans [M, T, N] add up to, [M, N] each."""
 
     def run(plan: jax.Array) -> tuple[jax.Array, jax.Array]:
-        policy_of_plan, num_episodes = directed(policy, plan), plan.shape[1]
-        recorded = record(policy_of_plan, env, key, num_episodes, deterministic=deterministic)
+        policy_of_plan, num_episodes = force_options(policy, plan), plan.shape[1]
+        recorded = run_episodes(policy_of_plan, env, key, num_episodes, deterministic=deterministic)
         return recorded.returns, recorded.lengths
 
     return jax.vmap(run)(plans)

@@ -19,8 +19,9 @@ from hitmdp_jax.figures.drawing import limit_of
 from hitmdp_jax.interpret.interventions import IDENTICAL
 from hitmdp_jax.runs.policy import Policy
 
-SPREAD = 1.0  # of the entries of W when training begins; colours of W reach as far at least
-SHIFTS = 2 * SPREAD * np.arange(-10, 11) / 10  # -2.0, -1.8, ..., 2.0
+# Of the entries of W when training begins; colours of W reach as far at least.
+EMBEDDING_SCALE = 1.0
+SHIFTS = 2 * EMBEDDING_SCALE * np.arange(-10, 11) / 10  # -2.0, -1.8, ..., 2.0
 TINY = 1e-6  # of an action
 # Standard deviations of an action that make two Gaussians practically identical.
 NOTICED = (2 * IDENTICAL) ** 0.5

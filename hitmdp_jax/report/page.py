@@ -38,8 +38,8 @@ from hitmdp_jax.figures.curves import read_metrics
 from hitmdp_jax.figures.drawing import limit_of
 from hitmdp_jax.figures.style import Style, shades, styles
 from hitmdp_jax.interpret import interventions
-from hitmdp_jax.interpret.insight import Insight
-from hitmdp_jax.interpret.perturbation import SPREAD, sentences, strongest
+from hitmdp_jax.interpret.option_analysis import OptionAnalysis
+from hitmdp_jax.interpret.perturbation import EMBEDDING_SCALE, sentences, strongest
 from hitmdp_jax.interpret.visited_states import by_option, cosine_similarities
 from hitmdp_jax.report import plots
 from hitmdp_jax.runs.config import RunConfig
@@ -146,7 +146,7 @@ class RunReport:
       config: its settings.
       command: what trains what they say.
       place: the training whose options are shown, by its place among the run's.
-      insight: makes what that policy's options do; it raises UsageError where there are none.
+      analysis: makes what that policy's options do; it raises UsageError where there are none.
       video: writes a video of that policy to a path; it raises UsageError if it cannot.
     """
 
@@ -154,7 +154,7 @@ class RunReport:
     config: RunConfig
     command: str
     place: int
-    insight: Callable[[], Insight]
+    analysis: Callable[[], OptionAnalysis]
     video: Callable[[Path], None]
 
     def html(self) -> str:
@@ -187,9 +187,9 @@ class RunReport:
         return metrics
 
     @functools.cached_property
-    def known(self) -> Insight:
+    def known(self) -> OptionAnalysis:
         """What the policy's options do."""
-        return self.insight()
+        return self.analysis()
 
     def summary(self) -> Parts:
         """Say what was run, with what, and how it ended."""
@@ -294,7 +294,7 @@ class RunReport:
         names, dimensions = options(len(W)), [str(e) for e in range(W.shape[1])]
         yield heading("Embeddings W")
         how: Any = {"axes": ("dimension", ""), "signed": True, "written": None}
-        yield chart(plots.matrix(W, names, dimensions, limit_of(W, SPREAD), **how))
+        yield chart(plots.matrix(W, names, dimensions, limit_of(W, EMBEDDING_SCALE), **how))
         if len(W) > 1:
             yield heading("Their cosine similarities")
             yield chart(plots.matrix(cosine_similarities(W), names, names, 1.0, signed=True))
@@ -310,7 +310,7 @@ class RunReport:
         known, K = self.known, self.known.num_options
         names = options(K)
         yield text("Visited states as the policy sees them, along their two principal components.")
-        yield chart(plots.clusters(known.projection, known.states.option))
+        yield chart(plots.scatter(known.projection, known.states.option))
         if known.terminations is not None and K > 1:
             yield heading("The probability that each option ends, where each one acts")
             means = by_option(known.terminations, known.states.option)
@@ -335,7 +335,7 @@ def options(number_of: int) -> list[str]:
     return [f"option {k}" for k in range(number_of)]
 
 
-def explorer(known: Insight) -> Markup:
+def explorer(known: OptionAnalysis) -> Markup:
     """Return the part in which a reader shifts a dimension and sees the actuators move."""
     found = known.perturbation
     assert found is not None

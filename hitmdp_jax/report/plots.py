@@ -201,7 +201,7 @@ def returns_by_choice(found: Interventions, effect: Effects, number: int) -> go.
     return shown
 
 
-def clusters(projection: Projection, option: ArrayLike) -> go.Figure:
+def scatter(projection: Projection, option: ArrayLike) -> go.Figure:
     """Draw the visited states in two dimensions, in the colour of the option that acts there."""
     option = np.asarray(option)
     chosen = np.unique(np.linspace(0, len(option) - 1, SCATTERED).astype(int))

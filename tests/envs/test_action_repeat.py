@@ -12,7 +12,7 @@ from hitmdp_jax.envs import check_env
 from hitmdp_jax.envs.action_repeat import ActionRepeat
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.interpret.episodes import record
+from hitmdp_jax.interpret.episodes import run_episodes
 from hitmdp_jax.interpret.names import names_of
 from hitmdp_jax.learning.normalization import initial_statistics
 from hitmdp_jax.runs.policy import Policy
@@ -86,7 +86,7 @@ def test_the_time_limit_is_in_control_steps_and_cuts_the_last_hold(key, repeat, 
 def test_trajectories_are_as_long_as_their_control_steps(key):
     agent = PPO(hidden_sizes=(8,))
     policy = Policy(agent, agent.init(key, 2, 1).params, initial_statistics(2))
-    recorded = record(policy, ActionRepeat(Counter(), 2), key, 3)
+    recorded = run_episodes(policy, ActionRepeat(Counter(), 2), key, 3)
     np.testing.assert_array_equal(recorded.control_steps, [[2] * 3, [2] * 3, [1] * 3])
     np.testing.assert_array_equal(recorded.lengths, [5, 5, 5])
     np.testing.assert_array_equal(recorded.returns, [5, 5, 5])

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 import hitmdp_jax
-from tests.interpret.told import Payment
+from tests.interpret.known_returns import Payment
 
 FILE = Path(__file__).parents[2] / "examples" / "analyse_a_run.py"
 

@@ -9,7 +9,7 @@ from brax.training.acme import running_statistics
 from hitmdp_jax.agents import AHP, MOPG, PPO
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.interpret.episodes import record, record_in_gymnasium
+from hitmdp_jax.interpret.episodes import run_episodes, run_in_gymnasium
 from hitmdp_jax.runs.policy import Policy
 from tests.probes import Counter, Target
 from tests.programs import compiled
@@ -44,10 +44,10 @@ def policy():
 def recorded(request, policy):
     key = jax.random.key(1)
     if request.param == "gymnasium":
-        return jax.device_get(record_in_gymnasium(policy, PENDULUM, key, 3, physics=True))
+        return jax.device_get(run_in_gymnasium(policy, PENDULUM, key, 3, physics=True))
     env = make_env(**PENDULUM, physics=request.param)
     env.episode_length = 100  # long enough to fall over
-    return jax.device_get(record(policy, env, key, 3, physics=True))
+    return jax.device_get(run_episodes(policy, env, key, 3, physics=True))
 
 
 def test_every_engine_records_the_same_structure(recorded):
@@ -96,7 +96,9 @@ def test_an_untrained_pendulum_falls_in_every_engine(recorded):
 
 
 def test_each_environment_records_its_first_whole_episode_alone(key):
-    recorded = jax.device_get(record(untrained(PPO(**SMALL), 2, 1, key), Staircase(), key, 64))
+    recorded = jax.device_get(
+        run_episodes(untrained(PPO(**SMALL), 2, 1, key), Staircase(), key, 64)
+    )
     lengths = 1 + np.floor(3 * np.asarray(recorded.obs[0, :, 1])).astype(int)
     assert set(lengths) == {1, 2, 3}
     np.testing.assert_array_equal(recorded.lengths, lengths)
@@ -106,21 +108,21 @@ def test_each_environment_records_its_first_whole_episode_alone(key):
 
 
 def test_the_time_limit_truncates(key):
-    recorded = jax.device_get(record(untrained(PPO(**SMALL), 2, 1, key), Counter(), key, 2))
+    recorded = jax.device_get(run_episodes(untrained(PPO(**SMALL), 2, 1, key), Counter(), key, 2))
     np.testing.assert_array_equal(recorded.lengths, [5, 5])
     assert recorded.truncated.all()
     np.testing.assert_array_equal(recorded.obs[:, 0, 0], np.arange(5))
 
 
 def test_a_policy_without_options_records_none(key):
-    recorded = jax.device_get(record(untrained(PPO(**SMALL), 1, 1, key), Target(), key, 2))
+    recorded = jax.device_get(run_episodes(untrained(PPO(**SMALL), 1, 1, key), Target(), key, 2))
     assert recorded.option is None
     assert recorded.option_probs is None
 
 
 def test_an_option_is_told_from_what_else_an_agent_notes(key):
     recorded = jax.device_get(
-        record(untrained(AHP(num_options=3, **SMALL), 2, 1, key), Counter(), key, 2)
+        run_episodes(untrained(AHP(num_options=3, **SMALL), 2, 1, key), Counter(), key, 2)
     )
     assert recorded.option.shape == (5, 2)
     np.testing.assert_allclose(recorded.option_probs.sum(-1), np.ones((5, 2)), rtol=1e-5)
@@ -128,7 +130,7 @@ def test_an_option_is_told_from_what_else_an_agent_notes(key):
 
 def test_deterministic_episodes_take_the_likeliest_option(key):
     policy = untrained(MOPG(**SMALL), 2, 1, key)
-    recorded = jax.device_get(record(policy, Counter(), key, 4, deterministic=True))
+    recorded = jax.device_get(run_episodes(policy, Counter(), key, 4, deterministic=True))
     np.testing.assert_array_equal(recorded.option, recorded.option_probs.argmax(-1))
 
 
@@ -138,12 +140,16 @@ def test_policies_of_many_seeds_are_recorded_at_once(key):
     @jax.jit
     def record_each(keys):
         policies = jax.vmap(lambda key: untrained(MOPG(**SMALL), 2, 1, key))(keys)
-        return policies, jax.vmap(lambda policy, key: record(policy, env, key, 3))(policies, keys)
+        return policies, jax.vmap(lambda policy, key: run_episodes(policy, env, key, 3))(
+            policies, keys
+        )
 
     policies, together = jax.device_get(record_each(keys))
     assert together.option_probs.shape == (2, 5, 3, 4)
     for i in range(2):
-        alone = jax.device_get(record(jax.tree.map(lambda x, i=i: x[i], policies), env, keys[i], 3))
+        alone = jax.device_get(
+            run_episodes(jax.tree.map(lambda x, i=i: x[i], policies), env, keys[i], 3)
+        )
         np.testing.assert_array_equal(together.lengths[i], alone.lengths)
         np.testing.assert_array_equal(together.option[i], alone.option)
         np.testing.assert_allclose(together.returns[i], alone.returns)
@@ -151,16 +157,16 @@ def test_policies_of_many_seeds_are_recorded_at_once(key):
 
 def test_a_task_without_physics_says_so(key):
     with pytest.raises(UsageError, match="no MuJoCo state"):
-        record(untrained(PPO(**SMALL), 2, 1, key), Counter(), key, 1, physics=True)
+        run_episodes(untrained(PPO(**SMALL), 2, 1, key), Counter(), key, 1, physics=True)
 
 
 @pytest.mark.parametrize("name", ["toy/turkey", "dmc/cheetah_run", "brax/ant"])
 def test_gymnasium_has_its_own_tasks_alone(name, policy, key):
     with pytest.raises(UsageError, match=f"Gymnasium has no environment '{name}'"):
-        record_in_gymnasium(policy, {"name": name}, key, 1)
+        run_in_gymnasium(policy, {"name": name}, key, 1)
 
 
 @pytest.mark.parametrize("ours", [{"hide_velocities": True}, {"action_repeat": 2}])
 def test_gymnasium_has_no_keywords_of_ours(ours, policy, key):
     with pytest.raises(UsageError, match=f"Gymnasium has no {next(iter(ours))}; use --engine"):
-        record_in_gymnasium(policy, PENDULUM | ours, key, 1)
+        run_in_gymnasium(policy, PENDULUM | ours, key, 1)

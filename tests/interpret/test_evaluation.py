@@ -11,7 +11,7 @@ from brax.training.acme import running_statistics
 from hitmdp_jax.agents import MOPG
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret import evaluation
-from hitmdp_jax.interpret.episodes import record
+from hitmdp_jax.interpret.episodes import run_episodes
 from hitmdp_jax.interpret.evaluation import Scores, score, score_each, score_in_jax
 from hitmdp_jax.runs.policy import Policy
 from tests.probes import Counter
@@ -48,7 +48,7 @@ class Arrives(Counter):
 def test_an_episode_succeeds_where_its_task_says_so_by_its_end(key):
     policy = untrained(2, 1, key)
     scores = score_in_jax(policy, Arrives(), 32, key)
-    recorded = record(policy, Arrives(), key, 32)
+    recorded = run_episodes(policy, Arrives(), key, 32)
     np.testing.assert_array_equal(scores.success, recorded.obs[0, :, 1] < 0.5)
     assert scores.success is not None
     assert 0 < scores.success.mean() < 1

@@ -8,11 +8,11 @@ import pytest
 from hitmdp_jax.agents import AHP, IOPG, MOPG, PPO, Agent
 from hitmdp_jax.agents.base import static
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.interpret.episodes import record
-from hitmdp_jax.interpret.forced_options import directed, number_of_options
+from hitmdp_jax.interpret.episodes import run_episodes
+from hitmdp_jax.interpret.forced_options import force_options, number_of_options
 from hitmdp_jax.learning.normalization import initial_statistics
 from hitmdp_jax.runs.policy import Policy
-from tests.interpret.told import Payment, obvious
+from tests.interpret.known_returns import Payment, obvious
 from tests.programs import compiled
 
 SMALL = {"num_options": 3, "hidden_sizes": (8,)}
@@ -25,8 +25,8 @@ def test_a_schedule_of_its_own_choices_repeats_an_episode(agent, key):
     @compiled
     def run_twice(key):
         policy = Policy(agent, agent.init(key, 2, 1).params, initial_statistics(2))
-        own = record(policy, env, key, 4)
-        return own, record(directed(policy, own.option), env, key, 4)
+        own = run_episodes(policy, env, key, 4)
+        return own, run_episodes(force_options(policy, own.option), env, key, 4)
 
     own, again = run_twice(key)
     assert len(np.unique(own.option)) > 1
@@ -38,13 +38,13 @@ def test_a_schedule_of_its_own_choices_repeats_an_episode(agent, key):
 
 def test_a_schedule_decides_and_starts_over(key):
     schedule = jnp.array([[2, 0], [1, 1], [0, 2]])
-    recorded = jax.device_get(record(directed(obvious(), schedule), Payment(), key, 2))
+    recorded = jax.device_get(run_episodes(force_options(obvious(), schedule), Payment(), key, 2))
     np.testing.assert_array_equal(recorded.option.T, [[2, 1, 0, 2, 1, 0, 2], [0, 1, 2, 0, 1, 2, 0]])
     np.testing.assert_allclose(recorded.returns, [8, 6], atol=1e-4)
 
 
 def test_a_single_policy_follows_a_single_schedule(key):
-    policy = directed(obvious(), jnp.array([2, 0]))
+    policy = force_options(obvious(), jnp.array([2, 0]))
     act = jax.jit(functools.partial(policy.act, jnp.zeros(2)))
     memory, actions = policy.initial_memory(key), []
     for _ in range(3):
@@ -65,8 +65,8 @@ def test_agents_without_options_say_so(agent):
     with pytest.raises(UsageError, match=f"{type(agent).__name__} has no options to look into"):
         number_of_options(agent)
     with pytest.raises(UsageError, match="no options"):
-        directed(Policy(agent, (), initial_statistics(2)), jnp.zeros(3, int))
+        force_options(Policy(agent, (), initial_statistics(2)), jnp.zeros(3, int))
 
 
 def test_a_directed_agent_has_as_many_options():
-    assert number_of_options(directed(obvious(5), jnp.zeros(3, int)).agent) == 5
+    assert number_of_options(force_options(obvious(5), jnp.zeros(3, int)).agent) == 5

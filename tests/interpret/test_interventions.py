@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hitmdp_jax.agents import DAC
-from hitmdp_jax.interpret.episodes import record
+from hitmdp_jax.interpret.episodes import run_episodes
 from hitmdp_jax.interpret.interventions import (
     Interventions,
     alike,
@@ -20,8 +20,8 @@ from hitmdp_jax.interpret.interventions import (
 )
 from hitmdp_jax.learning.normalization import initial_statistics
 from hitmdp_jax.runs.policy import Policy
+from tests.interpret.known_returns import Payment, obvious
 from tests.interpret.test_option_use import episodes, pad, padding, runs
-from tests.interpret.told import Payment, obvious
 from tests.programs import compiled
 
 STEPS = Payment.episode_length
@@ -29,7 +29,7 @@ STEPS = Payment.episode_length
 
 def intervened(num_options, key, num_episodes=5):
     policy, env = obvious(num_options), Payment()
-    own = jax.device_get(record(policy, env, key, num_episodes))
+    own = jax.device_get(run_episodes(policy, env, key, num_episodes))
     return own, intervene(policy, env, key, own)
 
 

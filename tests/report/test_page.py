@@ -12,7 +12,7 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.names import Names
 from hitmdp_jax.report.page import RunReport, compare, explorer
 from hitmdp_jax.runs.sinks import CsvSink
-from tests.interpret.test_insight import insight_of_embeddings
+from tests.interpret.test_option_analysis import analysis_of_embeddings
 
 
 def page_of(folder, num_options, seeds):
@@ -30,7 +30,7 @@ def page_of(folder, num_options, seeds):
         raise UsageError("no luck.")
 
     content = RunReport(
-        folder, config, "python train.py", 0, lambda: insight_of_embeddings(num_options), video
+        folder, config, "python train.py", 0, lambda: analysis_of_embeddings(num_options), video
     ).html()
     return re.sub(r"<script.*?</script>", "", content, flags=re.DOTALL)
 
@@ -67,7 +67,7 @@ def test_several_options_and_seeds_have_the_rest(tmp_path):
 
 
 def test_the_explorers_chart_ends_where_the_noise_of_the_actions_does():
-    known = insight_of_embeddings(9)
+    known = analysis_of_embeddings(9)
     part = explorer(known)
     assert f'"limit": {known.perturbation.limit}' in part
     assert "range: [-1.05 * found.limit, 1.05 * found.limit]" in part
@@ -110,7 +110,7 @@ def pages_of_a_stranger(folder, name):
         env=config.env | {"name": name},
         sweep={name: [0.9, 0.99]},
     )
-    known = copy.copy(insight_of_embeddings(9))
+    known = copy.copy(analysis_of_embeddings(9))
     known.__dict__["names"] = Names((name, name), (name,))
 
     def video(_):

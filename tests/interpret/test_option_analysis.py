@@ -17,11 +17,11 @@ from hitmdp_jax.experiments.sweeps import SettingResult, sweep_figure
 from hitmdp_jax.figures import choices, embeddings, options_in_time
 from hitmdp_jax.figures.curves import learning_curve
 from hitmdp_jax.figures.style import option_color
-from hitmdp_jax.interpret.insight import Insight
 from hitmdp_jax.interpret.names import Names
+from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.learning.normalization import initial_statistics
 from hitmdp_jax.runs.policy import Policy
-from tests.interpret.told import Payment
+from tests.interpret.known_returns import Payment
 
 EMBEDDINGS = ("figure5", "figure12", "figure13", "figure14")
 EPISODES = {
@@ -31,13 +31,15 @@ EPISODES = {
     "transitions": choices.transitions_figure,
     "choices": choices.choices_figure,
     "divergence": choices.divergence_figure,
-    "clusters": choices.clusters_figure,
+    "projection": choices.projection_figure,
 }
 
 
-def insight_of(agent):
+def analysis_of(agent):
     params = jax.jit(lambda key: agent.init(key, 2, 1).params)(jax.random.key(0))
-    return Insight(Policy(agent, params, initial_statistics(2)), Payment(), jax.random.key(1), 3)
+    return OptionAnalysis(
+        Policy(agent, params, initial_statistics(2)), Payment(), jax.random.key(1), 3
+    )
 
 
 def drawn(figure):
@@ -50,19 +52,19 @@ def drawn(figure):
 
 
 @functools.cache
-def insight_of_embeddings(num_options):
+def analysis_of_embeddings(num_options):
     """Of MOPG: what was found once is known to every test, and to those of reports."""
-    return insight_of(MOPG(num_options=num_options, embedding_size=5, hidden_sizes=(8,)))
+    return analysis_of(MOPG(num_options=num_options, embedding_size=5, hidden_sizes=(8,)))
 
 
 @pytest.fixture(params=[1, 9])
 def embedded(request):
-    return insight_of_embeddings(request.param)
+    return analysis_of_embeddings(request.param)
 
 
 @pytest.fixture(scope="module")
 def terminating():
-    return insight_of(DAC(num_options=3, hidden_sizes=(8,)))
+    return analysis_of(DAC(num_options=3, hidden_sizes=(8,)))
 
 
 def test_every_answer_is_an_array_of_its_shape(embedded):
@@ -209,7 +211,7 @@ def test_an_episode_that_was_not_recorded_is_refused(embedded):
 
 def test_a_policy_without_options_is_refused():
     with pytest.raises(UsageError, match=r"PPO has no options to look into\."):
-        insight_of(PPO(hidden_sizes=(8,)))
+        analysis_of(PPO(hidden_sizes=(8,)))
 
 
 def metrics_of(num_options):
@@ -232,7 +234,7 @@ def named(known, name):
 
 NAMED = {
     "figure5": lambda known: embeddings.figure5(named(known, FORMULA)),
-    "clusters": lambda known: choices.clusters_figure(named(known, FORMULA)),
+    "projection": lambda known: choices.projection_figure(named(known, FORMULA)),
     "learning_curve": lambda _: learning_curve(metrics_of(2), FORMULA, "mopg"),
     "figure6": lambda _: options_in_time.figure6(metrics_of(2), FORMULA),
     "figure8": lambda _: options_in_time.figure8({FORMULA: metrics_of(2)}, {FORMULA: None}),
@@ -244,7 +246,7 @@ NAMED = {
 
 @pytest.mark.parametrize("name", NAMED)
 def test_names_are_drawn_as_they_stand(name):
-    figure = NAMED[name](insight_of_embeddings(1))
+    figure = NAMED[name](analysis_of_embeddings(1))
     drawn(figure)
     texts = [text.get_text() for text in figure.findobj(Text)]
     assert any(FORMULA in text.replace(r"\$", "$") for text in texts)

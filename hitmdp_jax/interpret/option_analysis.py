@@ -9,7 +9,7 @@ from brax.envs.base import Env
 
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.interpret import option_use
-from hitmdp_jax.interpret.episodes import Trajectories, record
+from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
 from hitmdp_jax.interpret.evaluation import check_episodes, check_fit
 from hitmdp_jax.interpret.forced_options import number_of_options
 from hitmdp_jax.interpret.interventions import Interventions, divergence, intervene
@@ -23,7 +23,7 @@ DECODED_STATES = 256  # states in which perturbed options are decoded
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Insight:
+class OptionAnalysis:
     """What the options of a policy are and do in episodes of its own.
 
     All answers are NumPy arrays of the same recorded episodes. Those about embeddings are None of
@@ -65,7 +65,7 @@ class Insight:
     def trajectories(self) -> Trajectories:
         """The policy's own episodes, [T, N, ...]; with their physics where the task has a model."""
         how = {"deterministic": self.deterministic, "physics": isinstance(self.env, MujocoEnv)}
-        return jax.device_get(record(self.policy, self.env, self.key, self.episodes, **how))
+        return jax.device_get(run_episodes(self.policy, self.env, self.key, self.episodes, **how))
 
     @functools.cached_property
     def states(self) -> States:
