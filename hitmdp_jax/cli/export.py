@@ -15,8 +15,7 @@ from brax.envs.base import Env
 from hitmdp_jax.cli.guard import guarded
 from hitmdp_jax.cli.policies import Chosen, add_choice, load_chosen
 from hitmdp_jax.cli.settings import Parser, writable
-from hitmdp_jax.envs import make_env
-from hitmdp_jax.envs.suites.brax import BRAX
+from hitmdp_jax.envs import engine_for, make_env
 from hitmdp_jax.export.program import FORMATS, check_format, export
 from hitmdp_jax.interpret.evaluation import check_fit
 from hitmdp_jax.runs.config import RunConfig
@@ -70,7 +69,6 @@ def task_of(choice: Chosen) -> Env:
     Raises:
       UsageError: the policy does not fit it.
     """
-    engine = "mjx" if choice.task["name"].startswith(BRAX) else "native"
-    env = make_env(**choice.task, physics=engine)
+    env = make_env(**choice.task, physics=engine_for(choice.task["name"], "native"))
     check_fit(choice.policy, env)
     return env

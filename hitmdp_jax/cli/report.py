@@ -16,7 +16,7 @@ from hitmdp_jax.cli.command_line import command_line
 from hitmdp_jax.cli.evaluate import SEED_OFFSET
 from hitmdp_jax.cli.guard import guarded
 from hitmdp_jax.cli.settings import Parser, writable
-from hitmdp_jax.envs import make_env
+from hitmdp_jax.envs import engine_for, make_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
 from hitmdp_jax.interpret.evaluation import check_episodes
@@ -104,7 +104,7 @@ def report(
     def policy_and_env() -> tuple[Policy, Any]:
         iteration, everyone = load_all(run_dir)
         task = config.task_at(iteration)
-        engine = config.physics if task["name"].startswith("brax/") else ENGINE
+        engine = engine_for(task["name"], ENGINE)
         return everyone.of(place), make_env(**task, physics=engine)
 
     @functools.cache

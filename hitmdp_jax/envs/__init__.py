@@ -1,6 +1,5 @@
 """Tasks by name."""
 
-import importlib
 from collections.abc import Callable
 from typing import Any
 
@@ -9,54 +8,39 @@ from brax.envs.base import Env
 from hitmdp_jax.checks import MOST, check_size
 from hitmdp_jax.envs.action_repeat import ActionRepeat
 from hitmdp_jax.envs.contract import check_task
-from hitmdp_jax.envs.keywords import check_keywords, parameters_of
-from hitmdp_jax.envs.suites.brax import BRAX, brax_task, check_engine
-from hitmdp_jax.envs.suites.dmc.suite import require_suite
+from hitmdp_jax.envs.keywords import check_keywords
+from hitmdp_jax.envs.suites import find_suite, suites
+from hitmdp_jax.envs.suites.base import construct
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
-from hitmdp_jax.physics import PhysicsChoice, find_engine
+from hitmdp_jax.physics import DEFAULT_ENGINE, PhysicsChoice
 from hitmdp_jax.plugins import is_own, label, load_class, require_class, trust
 
-__all__ = ["check_engine", "check_env", "check_installed", "list_envs", "make_env", "register_env"]
-
-VERSIONS = ("v4", "v5")
-
-# name -> (module, class); imported when first made, so that listing tasks costs nothing.
-_REGISTRY = {
-    "halfcheetah": ("gym.half_cheetah", "HalfCheetah"),
-    "swimmer": ("gym.swimmer", "Swimmer"),
-    "humanoidstandup": ("gym.humanoid_standup", "HumanoidStandup"),
-    "reacher": ("gym.reacher", "Reacher"),
-    "walker2d": ("gym.walker2d", "Walker2d"),
-    "hopper": ("gym.hopper", "Hopper"),
-    "invertedpendulum": ("gym.inverted_pendulum", "InvertedPendulum"),
-    "inverteddoublependulum": ("gym.inverted_double_pendulum", "InvertedDoublePendulum"),
-    "ant": ("gym.ant", "Ant"),
-    "humanoid": ("gym.humanoid", "Humanoid"),
-    "dmc/cartpole_balance": ("dmc.cartpole", "CartpoleBalance"),
-    "dmc/cartpole_balance_sparse": ("dmc.cartpole", "CartpoleBalanceSparse"),
-    "dmc/reacher_easy": ("dmc.reacher", "ReacherEasy"),
-    "dmc/reacher_hard": ("dmc.reacher", "ReacherHard"),
-    "dmc/cheetah_run": ("dmc.cheetah", "CheetahRun"),
-    "dmc/cheetah_backward": ("dmc.cheetah", "CheetahBackward"),
-    "dmc/fish_upright": ("dmc.fish", "FishUpright"),
-    "dmc/fish_downleft": ("dmc.fish", "FishDownleft"),
-    "dmc/walker_squat": ("dmc.walker", "WalkerSquat"),
-    "dmc/walker_stand": ("dmc.walker", "WalkerStand"),
-    "dmc/walker_walk": ("dmc.walker", "WalkerWalk"),
-    "dmc/walker_backward": ("dmc.walker", "WalkerBackward"),
-    "maze/point_fourrooms": ("maze.point", "PointFourRooms"),
-    "maze/point_umaze": ("maze.point", "PointUMaze"),
-    "maze/point_medium": ("maze.point", "PointMediumMaze"),
-    "maze/ant_umaze": ("maze.ant", "AntUMaze"),
-    "toy/turkey": ("toy.turkey", "Turkey"),
-}
+__all__ = [
+    "check_engine",
+    "check_env",
+    "check_installed",
+    "engine_for",
+    "list_envs",
+    "make_env",
+    "register_env",
+    "suite_names",
+]
 
 _registered: dict[str, Callable[..., Env]] = {}  # by `register_env`
 
 
 def list_envs() -> tuple[str, ...]:
-    """Return the names that `make_env` knows."""
-    return (*_REGISTRY, *_registered)
+    """Return the names of this package's tasks and of those that were registered.
+
+    `make_env` makes those of other libraries, too (`suite_names`).
+    """
+    ours = (name for suite in suites() if suite.ours for name in suite.names())
+    return (*ours, *_registered)
+
+
+def suite_names() -> tuple[str, ...]:
+    """Return the names of the tasks of all suites."""
+    return tuple(name for suite in suites() for name in suite.names())
 
 
 def register_env(name: str, constructor: Callable[..., Env]) -> None:
@@ -68,7 +52,7 @@ def register_env(name: str, constructor: Callable[..., Env]) -> None:
         `version`, it gets the engine and the version that `make_env` is given.
 
     Raises:
-      UsageError: the name is one of ours or of Brax's, or it cannot be a name; or the constructor
+      UsageError: the name is one of a suite's, or it cannot be a name; or the constructor
         cannot be called, or is a class of no environments.
 
     >>> from hitmdp_jax.envs.suites.toy.turkey import Turkey
@@ -78,7 +62,7 @@ def register_env(name: str, constructor: Callable[..., Env]) -> None:
     """
     if not isinstance(name, str) or not name or is_own(name):
         raise out_of_domain("name", repr(name), "a string that is not empty and names no file")
-    if name in _REGISTRY or name.startswith(BRAX):
+    if find_suite(name):
         raise UsageError(f"'{name}' is a built-in environment: register yours under another name.")
     if not callable(constructor):
         raise out_of_domain("constructor", repr(constructor), "a class or function to call")
@@ -118,10 +102,11 @@ def make_env(
     """
     if isinstance(name, str):
         trust(name)  # whoever calls has named it
-    given = {"physics": find_engine(physics), "version": version}
     task = check_env(name, version, action_repeat, **task_kwargs)
-    takes = parameters_of(task)
-    env = task(**{k: x for k, x in given.items() if k in takes}, **task_kwargs)
+    if suite := find_suite(name):
+        env = suite.make(name, physics, version, **task_kwargs)
+    else:
+        env = construct(task, physics, version, task_kwargs)
     _check_interface(name, env)
     check_task(env, f"'{label(name)}'")
     return env if action_repeat == 1 else ActionRepeat(env, action_repeat)
@@ -140,14 +125,9 @@ def check_env(
     if not isinstance(name, str):
         raise out_of_domain("env", repr(name), "the name of an environment, such as 'halfcheetah'")
     check_size("action_repeat", action_repeat, MOST)  # control steps are counted in int32
-    if name.startswith(BRAX):
-        return brax_task(name, **task_kwargs)
-    if name in _REGISTRY:
-        if not isinstance(version, str) or version not in VERSIONS:
-            raise unknown_name("version", str(version), VERSIONS)
-        module, class_name = _REGISTRY[name]
-        task = getattr(importlib.import_module(f"hitmdp_jax.envs.suites.{module}"), class_name)
-    elif name in _registered:
+    if suite := find_suite(name):
+        return suite.check(name, version, **task_kwargs)
+    if name in _registered:
         task = _registered[name]
     elif is_own(name):
         task = load_class(name)
@@ -155,18 +135,34 @@ def check_env(
     else:
         require_class(name)
         raise unknown_name("environment", name, list_envs(), listed="hitmdp_jax.list_envs()")
-    check_keywords(label(name), task, task_kwargs, domains=name in _REGISTRY)
+    check_keywords(label(name), task, task_kwargs, domains=False)
     return task
 
 
 def check_installed(name: str) -> None:
-    """Check that what a task's models need is installed.
+    """Check that what a task needs is installed.
 
     Raises:
       UsageError: an extra is missing.
     """
-    if name.startswith("dmc/"):
-        require_suite()
+    if suite := find_suite(name):
+        suite.check_installed()
+
+
+def check_engine(name: str, physics: PhysicsChoice) -> None:
+    """Reject an engine where a task brings its own physics.
+
+    Raises:
+      UsageError: it does and the engine is not the default.
+    """
+    if suite := find_suite(name):
+        suite.check_engine(name, physics)
+
+
+def engine_for(name: str, wanted: PhysicsChoice) -> PhysicsChoice:
+    """Return the wanted engine, or the default one where a task brings its own physics."""
+    suite = find_suite(name)
+    return DEFAULT_ENGINE if suite and suite.own_physics else wanted
 
 
 def _check_interface(name: str, env: Any) -> None:

@@ -88,8 +88,8 @@ def _fault_of_arrays(env: Any) -> str | None:
         return fault
     if not isinstance(state.info, Mapping):
         return f"its info is a {type(state.info).__name__} and must be a dictionary"
-    for part in ("reward", "done"):
-        x = getattr(state, part)
+    ends = {"info['truncation']": state.info["truncation"]} if "truncation" in state.info else {}
+    for part, x in {"reward": state.reward, "done": state.done, **ends}.items():
         if not is_array(x) or x.shape != () or not _is_real(x):
             return f"its {part} is {told(x)} and must be one number, float32[]"
     action = jax.ShapeDtypeStruct((env.action_size,), jnp.float32)

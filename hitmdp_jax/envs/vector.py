@@ -29,7 +29,7 @@ class Step(struct.PyTreeNode):
 
     reward: jax.Array
     terminated: jax.Array  # bool: the task ended the episode
-    truncated: jax.Array  # bool: the time limit did
+    truncated: jax.Array  # bool: a time limit did, ours or the task's own
     next_obs: jax.Array  # [B, O] the observation reached, before any reset
     episode_return: jax.Array  # of the episode so far; final where `finished`
     episode_length: jax.Array  # control steps, several to an action under `ActionRepeat`
@@ -96,9 +96,10 @@ class VectorEnv:
         clock = state.clock + taken
         length = state.episode_length + taken
         episode_return = state.episode_return + reward
-        terminated = env.done.astype(bool)
-        truncated = (clock >= self.episode_length) & ~terminated
-        ended = terminated | truncated
+        done = env.done.astype(bool)
+        terminated = done & ~_says_truncated(env)
+        ended = done | (clock >= self.episode_length)
+        truncated = ended & ~terminated
         step = Step(
             reward=reward,
             terminated=terminated,
@@ -133,3 +134,9 @@ class VectorEnv:
 
         pool = each_device(resets, jax.random.split(key, self.pool_size))
         return on_every_device(pool)  # any environment may restart from any of it
+
+
+def _says_truncated(env: State) -> jax.Array:
+    """Return whether environments [B] say that what ended an episode was a time limit."""
+    said = env.info.get("truncation")  # the word of Brax's and MuJoCo Playground's wrappers
+    return jnp.zeros(env.done.shape, bool) if said is None else said.astype(bool)

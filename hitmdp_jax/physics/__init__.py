@@ -10,7 +10,10 @@ ENGINES: dict[str, Engine] = {
     engine.name: engine for engine in (MjxEngine(), NativeEngine(), WarpEngine())
 }
 
+DEFAULT_ENGINE = "mjx"  # which runs on any device
+
 __all__ = [
+    "DEFAULT_ENGINE",
     "ENGINES",
     "Engine",
     "MjxEngine",

@@ -142,6 +142,10 @@ TASKS = {
     "reward of many": (task(first={"reward": zeros(8)}), "its reward is float32[8] and must be"),
     "reward None": (task(first={"reward": None}), "its reward is a NoneType and must be"),
     "done of one": (task(first={"done": zeros(1)}), "its done is float32[1] and must be one"),
+    "truncation of one": (
+        task(first={"info": {"truncation": zeros(1)}}),
+        "its info['truncation'] is float32[1] and must be one",
+    ),
     "done None": (task(first={"done": None}), "its done is a NoneType and must be one number"),
     "done a word": (task(first={"done": "no"}), "its done is a str and must be one number"),
     "whole reward": (task(then={"reward": 1}), "reward is float32[] of reset and int32[] of step"),

@@ -94,7 +94,7 @@ def test_braxs_own_trainers_can_wrap_every_task(name):
         ({"name": "brax/antt"}, "did you mean 'brax/ant'?"),
         ({"name": "brax/ant", "bakend": "spring"}, "did you mean 'backend'?"),
         ({"name": "brax/ant", "backend": "sprin"}, "did you mean 'spring'?"),
-        ({"name": "brax/ant", "physics": "native"}, "chosen by backend"),
+        ({"name": "brax/ant", "physics": "native"}, "physics must stay at its default"),
     ],
 )
 def test_mistakes_are_explained(arguments, sentence):

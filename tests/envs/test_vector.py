@@ -1,7 +1,10 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
+from brax.envs.wrappers.training import EpisodeWrapper
 
+from hitmdp_jax.envs.action_repeat import ActionRepeat
 from hitmdp_jax.envs.vector import VectorEnv
 from tests.probes import Counter, Target
 
@@ -40,6 +43,18 @@ def test_termination_at_the_time_limit_is_a_termination(key):
     _, outcome = run(env, 5, key, action=200.0)
     assert outcome.terminated.all()
     assert not outcome.truncated.any()
+
+
+@pytest.mark.parametrize(("action", "truncates"), [(0.0, True), (200.0, False)])
+@pytest.mark.parametrize("hold", [1, 3], ids=["", "held"])
+def test_an_end_by_a_time_limit_of_the_tasks_own_truncates(key, action, truncates, hold):
+    """As Brax's `EpisodeWrapper` and MuJoCo Playground tell it: `done`, and why in `info`."""
+    task = EpisodeWrapper(Counter(), episode_length=3, action_repeat=1)
+    env = task if hold == 1 else ActionRepeat(task, hold)
+    _, outcome = run(VectorEnv(env, 2, pool_size=8, stagger=False), 6, key, action)
+    ends = np.arange(1, 7) % (3 if hold == 1 and truncates else 1) == 0
+    np.testing.assert_array_equal(outcome.truncated[:, 0], ends & truncates)
+    np.testing.assert_array_equal(outcome.terminated[:, 0], ends & (not truncates))
 
 
 def test_every_episode_starts_from_a_new_state(key):

@@ -1,6 +1,5 @@
 """What the DeepMind Control domains share: their models, initial poses and sensors."""
 
-import importlib.util
 import math
 from collections.abc import Callable
 
@@ -10,17 +9,7 @@ import mujoco
 import numpy as np
 
 from hitmdp_jax.envs.assets import asset_path, load_model
-from hitmdp_jax.errors import missing_extra
-
-
-def require_suite() -> None:
-    """Check that dm_control, which owns the models, is installed.
-
-    Raises:
-      UsageError: it is not.
-    """
-    if importlib.util.find_spec("dm_control") is None:
-        raise missing_extra("dmc", "A dmc task")
+from hitmdp_jax.envs.suites.dmc import SUITE
 
 
 def load_suite_model(
@@ -35,7 +24,7 @@ def load_suite_model(
     Raises:
       UsageError: dm_control is not installed.
     """
-    require_suite()
+    SUITE.check_installed()
     return load_model(asset_path("dm_control", "suite", f"{domain}.xml"), edit)
 
 

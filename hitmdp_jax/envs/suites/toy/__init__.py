@@ -1,1 +1,5 @@
 """Small exact problems, without physics."""
+
+from hitmdp_jax.envs.suites.base import Suite
+
+SUITE = Suite(prefix="toy/", folder=__name__, tasks={"turkey": "turkey:Turkey"})

@@ -1,0 +1,108 @@
+"""`Suite`: a family of tasks that are found, made and run in one way."""
+
+import dataclasses
+import importlib.util
+import pkgutil
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from brax.envs.base import Env
+
+from hitmdp_jax.envs.keywords import check_keywords, parameters_of
+from hitmdp_jax.errors import UsageError, missing_extra, unknown_name
+from hitmdp_jax.physics import DEFAULT_ENGINE, PhysicsChoice, find_engine
+
+VERSIONS = ("v4", "v5")
+
+
+@dataclasses.dataclass(frozen=True)
+class Suite:
+    """A family of tasks.
+
+    A suite is one file, or one folder, here: it holds a `SUITE` and has its line in `SUITES`. The
+    tasks of another library are a subclass with `names` and `constructor` of its own.
+
+    How an episode ends: `done` means that the task ended it, and `VectorEnv` applies the time limit
+    `episode_length`. An environment that ends itself by time must say so in
+    `state.info["truncation"]`, 1 where it did, as Brax's `EpisodeWrapper` and MuJoCo Playground do.
+    Where a library says it otherwise, `make` translates.
+
+    Attributes:
+      prefix: what the names of its tasks begin with, such as "dmc/".
+      package: the package of Python that its tasks need beside this one's own, if any.
+      extra: the extra of this package that installs it.
+      own_physics: whether its tasks bring physics of their own, so that no engine is chosen.
+      ours: whether the tasks are written in this package, which then lists them and gives the names
+        of their keywords one meaning (`check_keywords`).
+      folder: the package that holds the modules of `tasks`.
+      tasks: the name without the prefix -> "module:Class", imported when the task is first made, so
+        that listing tasks costs nothing.
+    """
+
+    prefix: str
+    package: str | None = None
+    extra: str = ""
+    own_physics: bool = False
+    ours: bool = True
+    folder: str = ""
+    tasks: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    def names(self) -> tuple[str, ...]:
+        """Return the full names of its tasks."""
+        return tuple(self.prefix + task for task in self.tasks)
+
+    def constructor(self, name: str) -> Callable[..., Env]:
+        """Return what makes the task of that full name, one of `names()`."""
+        return pkgutil.resolve_name(f"{self.folder}.{self.tasks[name.removeprefix(self.prefix)]}")
+
+    def check(self, name: str, version: str = "v5", **keywords: Any) -> Callable[..., Env]:
+        """Return a task's constructor, having checked the version and the keywords.
+
+        Raises:
+          UsageError: the name, the version or a keyword is unknown, or a value is not valid.
+        """
+        if name not in self.names():
+            raise unknown_name("environment", name, self.names())
+        if not isinstance(version, str) or version not in VERSIONS:
+            raise unknown_name("version", str(version), VERSIONS)
+        task = self.constructor(name)
+        check_keywords(name, task, keywords, domains=self.ours)
+        return task
+
+    def check_engine(self, name: str, physics: PhysicsChoice) -> None:
+        """Reject an engine where a task brings its own physics.
+
+        Raises:
+          UsageError: it does and the engine is not the default; or there is no such engine.
+        """
+        if find_engine(physics).name != DEFAULT_ENGINE and self.own_physics:
+            raise UsageError(f"{name} brings its own physics: physics must stay at its default.")
+
+    def check_installed(self) -> None:
+        """Check that what its tasks need is installed.
+
+        Raises:
+          UsageError: it is not.
+        """
+        if self.package is not None and importlib.util.find_spec(self.package) is None:
+            raise missing_extra(self.extra, f"A task of {self.prefix.rstrip('/')}")
+
+    def make(self, name: str, physics: PhysicsChoice, version: str = "v5", **keywords: Any) -> Env:
+        """Make a task.
+
+        Raises:
+          UsageError: as `check`, `check_engine` and `check_installed`.
+        """
+        task = self.check(name, version, **keywords)
+        self.check_engine(name, physics)
+        self.check_installed()
+        return construct(task, physics, version, keywords)
+
+
+def construct(
+    task: Callable[..., Env], physics: PhysicsChoice, version: str, keywords: Mapping[str, Any]
+) -> Env:
+    """Call a task's constructor, with the engine and the version where it takes them."""
+    given = {"physics": find_engine(physics), "version": version}
+    takes = parameters_of(task)
+    return task(**{k: x for k, x in given.items() if k in takes}, **keywords)
