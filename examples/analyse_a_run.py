@@ -11,9 +11,7 @@ import jax
 import hitmdp_jax
 from hitmdp_jax.agents import MOPG
 from hitmdp_jax.experiments import tables
-from hitmdp_jax.figures.choices import causal_figure
-from hitmdp_jax.figures.embeddings import figure5
-from hitmdp_jax.figures.options_in_time import figure7
+from hitmdp_jax.figures import registry
 from hitmdp_jax.interpret import interventions
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.interpret.perturbation import sentences
@@ -37,8 +35,8 @@ def main(folder, num_steps=40_960, episodes=4):
         print(f"option {option}: {sentence}")
 
     folder.mkdir(parents=True, exist_ok=True)
-    for name, draw in {"figure5": figure5, "figure7": figure7, "causal": causal_figure}.items():
-        draw(analysis).savefig(folder / f"{name}.png", dpi=150)
+    for name in ("figure5", "figure7", "causal"):
+        registry.find(name).draw(analysis).savefig(folder / f"{name}.png", dpi=150)
         print(folder / f"{name}.png")
 
 

@@ -2,11 +2,11 @@
 
 import argparse
 import functools
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 
 import jax
-from matplotlib.figure import Figure
+import numpy as np
 
 from hitmdp_jax.cli.evaluate import SEED_OFFSET
 from hitmdp_jax.cli.policies import add_choice, load_chosen
@@ -14,8 +14,8 @@ from hitmdp_jax.cli.settings import Parser
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.experiments import tables
-from hitmdp_jax.figures import choices, embeddings, options_in_time
 from hitmdp_jax.figures.curves import read_metrics, save
+from hitmdp_jax.figures.registry import Needs, RunMetrics, find, summaries
 from hitmdp_jax.interpret.evaluation import check_episodes
 from hitmdp_jax.interpret.forced_options import number_of_options
 from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, table
@@ -29,34 +29,38 @@ from hitmdp_jax.video import film
 EPISODES = 8
 
 
-def draw_metrics(target: str, arguments: list[str]) -> int:
-    """Draw a figure of runs' metrics into the first one's `figures/`, and print where it is.
+def draw(name: str, arguments: list[str]) -> int:
+    """Draw a figure of a run, or of several, into its `figures/`, and print where it is.
 
     Raises:
       UsageError: a folder holds no run, or one that the figure cannot be drawn of.
     """
-    parser = _parser(target)
-    number = OF_METRICS[target]
-    parser.add_argument("run_dirs", type=Path, nargs=number or "+", metavar="RUN_DIR")
-    parser.add_argument("--seed", type=int, default=None, help="one of the run's; its first")
-    options = parser.parse_args(arguments)
-    configs = {run_dir: RunConfig.load(run_dir, options.trust) for run_dir in options.run_dirs}
-    path = _place(options.run_dirs[0], target)
-    return _save(_of_metrics(target, configs, options.seed), path)
-
-
-def draw_episodes(target: str, arguments: list[str]) -> int:
-    """Draw a figure of recorded episodes into the run's `figures/`; Raises as `draw_metrics`."""
-    parser = _parser(target)
-    add_choice(parser)
-    parser.add_argument("--episodes", type=int, default=EPISODES, help=f"({EPISODES})")
-    options = parser.parse_args(arguments)
-    path = _place(options.run_dir, target)
-    analysis = analysis_of(options)
-    figure = OF_EPISODES[target](analysis)
-    if target == "causal":
-        tables.show(table(analysis.interventions))
-    return _save(figure, path)
+    entry = find(name)
+    if entry.needs == Needs.MODELS:
+        raise UsageError(f"{name} is a figure of no run: `reproduce theory` draws it.")
+    parser = Parser(prog=f"python -m hitmdp_jax reproduce {name}", description=__doc__)
+    if entry.needs in (Needs.METRICS, Needs.RUNS):
+        number = "+" if entry.needs == Needs.RUNS else 1
+        parser.add_argument("run_dirs", type=Path, metavar="RUN_DIR", nargs=number)
+        parser.add_argument("--seed", type=int, default=None, help="one of the run's; its first")
+        options = parser.parse_args(arguments)
+        configs = {folder: RunConfig.load(folder, options.trust) for folder in options.run_dirs}
+        path = _file(options.run_dirs[0], name)
+        runs = _metrics_of(configs, options.seed)
+        figure = entry.draw(runs if entry.needs == Needs.RUNS else runs[0])
+    else:
+        add_choice(parser)
+        parser.add_argument("--episodes", type=int, default=EPISODES, help=f"({EPISODES})")
+        options = parser.parse_args(arguments)
+        path = _file(options.run_dir, name)
+        analysis = analysis_of(options)
+        more = [_pictures(name, analysis)] if entry.needs == Needs.PICTURES else []
+        figure = entry.draw(analysis, *more)
+        if name == "causal":
+            tables.show(table(analysis.interventions))
+    save(figure, subfolder(path.parents[1], FIGURES) / path.name)
+    print(path)
+    return 0
 
 
 def analysis_of(options: argparse.Namespace) -> OptionAnalysis:
@@ -80,65 +84,40 @@ def analysis_of(options: argparse.Namespace) -> OptionAnalysis:
     return OptionAnalysis(choice.policy, env, key, options.episodes)
 
 
-def _parser(target: str) -> Parser:
-    return Parser(prog=f"python -m hitmdp_jax reproduce {target}", description=__doc__)
+def listing() -> str:
+    """Return the figures of runs by name, a line each."""
+    return "".join(f"  {name:<13} {line}\n" for name, line in summaries().items())
 
 
-def _place(run_dir: Path, target: str) -> Path:
+def _file(run_dir: Path, name: str) -> Path:
     """Return where a figure goes, having made sure before any work that it can be written."""
     refuse_link(run_dir / FIGURES)
-    path = run_dir / FIGURES / f"{target}.png"
+    path = run_dir / FIGURES / f"{name}.png"
     check_replaceable(path)
     return path
 
 
-def _save(figure: Figure, path: Path) -> int:
-    save(figure, subfolder(path.parents[1], FIGURES) / path.name)
-    print(path)
-    return 0
-
-
-def _filmed(analysis: OptionAnalysis) -> Figure:
-    """Draw Figure 10, with pictures if there can be any here."""
+def _pictures(name: str, analysis: OptionAnalysis) -> Mapping[int, np.ndarray]:
+    """Return pictures of the first episode; none, with a warning, where nothing can be drawn."""
     try:
-        pictures = film.pictures(analysis.env, analysis.trajectories)
+        return film.pictures(analysis.env, analysis.trajectories)
     except UsageError as reason:
-        warn(f"figure10 shows no pictures: {reason}")
-        pictures = None
-    return options_in_time.figure10(analysis, pictures=pictures)
+        warn(f"{name} shows no pictures: {reason}")
+        return {}
 
 
-def _of_metrics(target: str, configs: dict[Path, RunConfig], seed: int | None) -> Figure:
-    runs, switches = {}, {}
+def _metrics_of(configs: dict[Path, RunConfig], seed: int | None) -> list[RunMetrics]:
+    """Return the metrics of one training of each run."""
+    runs: list[RunMetrics] = []
     for run_dir, config in configs.items():
-        (place, *_) = places(config, config.seed if seed is None else seed)
+        (number, *_) = places(config, config.seed if seed is None else seed)
         everyone = read_metrics(run_dir, len(config.trainings))
-        metrics = {name: x[place : place + 1] for name, x in everyone.items()}
-        name = f"{config.title}, seed {config.trainings[place].seed}"
-        name = f"{name} ({run_dir})" if name in runs else name
-        runs[name], switches[name] = metrics, config.switch_at
-    if target == "figure6":
-        ((title, metrics),) = runs.items()
-        return options_in_time.figure6(metrics, title, switches[title])
-    return options_in_time.figure8(runs, switches)
+        metrics = {column: x[number : number + 1] for column, x in everyone.items()}
+        title = f"{config.title}, seed {config.trainings[number].seed}"
+        if any(title == other.title for other in runs):
+            title = f"{title} ({run_dir})"
+        runs.append(RunMetrics(title, metrics, config.algo["name"], config.switch_at))
+    return runs
 
 
-OF_METRICS = {"figure6": 1, "figure8": None, "figure9": None}  # -> how many runs; None: any number
-OF_EPISODES: dict[str, Callable[[OptionAnalysis], Figure]] = {
-    "figure5": embeddings.figure5,
-    "figure7": options_in_time.figure7,
-    "figure10": _filmed,
-    "figure12": embeddings.figure12,
-    "figure13": embeddings.figure13,
-    "figure14": embeddings.figure14,
-    "causal": choices.causal_figure,
-    "transitions": choices.transitions_figure,
-    "choices": choices.choices_figure,
-    "divergence": choices.divergence_figure,
-    "attention": choices.attention_figure,
-    "terminations": choices.terminations_figure,
-    "projection": choices.projection_figure,
-}
-TARGETS = {name: functools.partial(draw_metrics, name) for name in OF_METRICS} | {
-    name: functools.partial(draw_episodes, name) for name in OF_EPISODES
-}
+TARGETS = {name: functools.partial(draw, name) for name in summaries()}

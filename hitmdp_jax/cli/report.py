@@ -53,11 +53,11 @@ def _main() -> None:
         set_up_host(ENGINE, 16 * options.episodes)
         write(first, configs[first], out, options.seed, options.episodes)
     else:
-        from hitmdp_jax.report.page import compare
+        from hitmdp_jax.experiments.comparison_page import comparison_page
 
         runs = _named(configs)
         commands = {name: command_line(config) for name, (_, config) in runs.items()}
-        _save(compare(runs, commands), out)
+        _save(comparison_page(runs, commands), out)
 
 
 def write(
@@ -95,20 +95,20 @@ def report(
     Raises:
       UsageError: the run has no such seed.
     """
-    from hitmdp_jax.report.page import RunReport
+    from hitmdp_jax.report.run_report import RunReport
 
-    place = _median(run_dir, config) if seed is None else places(config, seed)[0]
-    key = jax.random.key(config.trainings[place].seed + SEED_OFFSET)
+    training = _median(run_dir, config) if seed is None else places(config, seed)[0]
+    key = jax.random.key(config.trainings[training].seed + SEED_OFFSET)
 
     @functools.cache
     def policy_and_env() -> tuple[Policy, Any]:
         iteration, everyone = load_all(run_dir)
         task = config.task_at(iteration)
         engine = engine_for(task["name"], ENGINE)
-        return everyone.of(place), make_env(**task, physics=engine)
+        return everyone.of(training), make_env(**task, physics=engine)
 
     @functools.cache
-    def analysis():
+    def analyse():
         from hitmdp_jax.interpret.forced_options import number_of_options
         from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 
@@ -119,7 +119,7 @@ def report(
     def recorded() -> Trajectories:
         """Return the episodes that the page speaks of; one of a policy without options."""
         try:
-            return analysis().trajectories
+            return analyse().trajectories
         except UsageError:
             policy, env = policy_and_env()
             return jax.device_get(run_episodes(policy, env, key, 1, physics=True))
@@ -134,7 +134,7 @@ def report(
         beginning = shown.alive & (np.arange(len(shown.alive)) < FILMED)[:, None]
         write_video(path, env, shown.replace(alive=beginning), episodes=[0], size=PIXELS)
 
-    return RunReport(run_dir, config, command_line(config), place, analysis, video).html()
+    return RunReport(run_dir, config, command_line(config), training, analyse, video).html()
 
 
 def _median(run_dir: Path, config: RunConfig) -> int:

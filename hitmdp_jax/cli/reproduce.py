@@ -28,21 +28,6 @@ Figures of a trained run: `python -m hitmdp_jax reproduce FIGURE RUN_DIR` writes
 RUN_DIR/figures/. `--seed N` picks one of the run's seeds, its first otherwise; where a figure shows
 episodes, `--episodes N` (8) of `--checkpoint newest|best|ITERATION` are recorded, of a sweep those
 of `--setting N` (0).
-  figure5       option embeddings, and the dimensions that move actions most
-  figure6       how long options last in training
-  figure7       which options are active in four episodes
-  figure8       how long options last in training, in several runs: RUN_DIR ...; figure9 is the same
-  figure10      one whole episode, composed of options, as a film above them
-  figure12      option embeddings and their similarities
-  figure13      one dimension of an embedding: what it does to every actuator
-  figure14      the heaviest dimensions of two options
-  causal        returns where something else chooses the options, and their table
-  transitions   which option follows which
-  choices       how probable the master policy's choice of each option is, after each one
-  divergence    how far the options' actions are apart
-  attention     what the master policy attends to, which is not yet its choice
-  terminations  how probable it is that options end
-  projection    visited states in two dimensions
 """
 
 import time
@@ -59,7 +44,7 @@ from hitmdp_jax.cli.settings import Settings, folder_setting, writable
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name, warn
 from hitmdp_jax.experiments import tables
 from hitmdp_jax.experiments.comparison import compare, comparison_figure, length_warning, table
-from hitmdp_jax.figures import theorems
+from hitmdp_jax.figures import registry, theorems
 from hitmdp_jax.figures.curves import save
 from hitmdp_jax.plugins import label
 from hitmdp_jax.runs.config import RunConfig
@@ -69,7 +54,7 @@ from hitmdp_jax.runs.policy import load
 
 def main() -> None:
     """Run the command line."""
-    dispatched(lambda: str(__doc__), _run)
+    dispatched(lambda: f"{__doc__}{figures.listing()}", _run)
 
 
 def _run(target: str, arguments: list[str]) -> int:
@@ -153,10 +138,9 @@ def draw_theorems(arguments: list[str]) -> int:
     with jax.enable_x64(True):
         models = theorems.sample_models(jax.random.key(int(seed)))
         drawn = {
-            "contraction": theorems.contraction_figure(theorems.contraction(models)),
-            "variance": theorems.variance_figure(
-                theorems.variances(models), theorems.variances(models, (0.1,), at_start=True)
-            ),
+            name: entry.draw(models)
+            for name, entry in registry.entries().items()
+            if entry.needs == registry.Needs.MODELS
         }
     for name, figure in drawn.items():
         save(figure, folder / f"{name}.png")

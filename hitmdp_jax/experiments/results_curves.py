@@ -8,9 +8,10 @@ from hitmdp_jax.experiments.results import Cell, read, read_curve
 from hitmdp_jax.experiments.results_page import Suite
 from hitmdp_jax.experiments.statistics import bootstrap_interval, interquartile_mean
 from hitmdp_jax.experiments.sweeps import by_setting
+from hitmdp_jax.figures import scores
 from hitmdp_jax.figures.style import styles
-from hitmdp_jax.report import plots
-from hitmdp_jax.report.page import Parts, chart, page, preformatted, text
+from hitmdp_jax.report.interactive import chart, learning_curves
+from hitmdp_jax.report.page import Parts, drawing, page, preformatted, text
 
 
 def curves_page(suites: Mapping[str, Suite], results: Path) -> str:
@@ -41,14 +42,13 @@ def _task(cells: Mapping[str, Cell], folder: Path) -> Parts:
             curves[name], switches[name] = own, cell.config.switch_at
             returns[name], algorithms[name] = own["last_100k_steps"], cell.config.algo["name"]
     looks = styles(algorithms)
-    how = "episode_return", "return", looks, switches
-    yield chart(plots.learning_curves(curves, *how, window=1))
+    yield chart(learning_curves(curves, looks, switches, window=1))
     middles = [interquartile_mean(x) for x in returns.values()]
     ends = [bootstrap_interval(interquartile_mean, x) for x in returns.values()]
-    yield chart(plots.intervals(looks, list(returns.values()), middles, ends))
+    yield drawing(scores.intervals(looks, list(returns.values()), middles, ends), "Returns")
     yield text(
         "Above: the last 100k steps of every seed, the interquartile mean, and its 95% interval "
         "where there are five seeds or more."
     )
-    yield chart(plots.profiles(looks, list(returns.values())))
+    yield drawing(scores.profiles(looks, list(returns.values())), "Performance profiles")
     yield preformatted("\n".join(cell.about["command"] for cell in cells.values()))

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from hitmdp_jax.experiments import tables
 from hitmdp_jax.experiments.comparison import INTERVAL, columns, fields, final_returns, final_window
 from hitmdp_jax.experiments.statistics import bootstrap_interval, interquartile_mean
-from hitmdp_jax.figures.curves import FAINT, draw_figures, plain, read_metrics, save
-from hitmdp_jax.figures.style import color
+from hitmdp_jax.figures.curves import FAINT, draw_figures, read_metrics, save
+from hitmdp_jax.figures.style import color, plain
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import FIGURES, SWEEP
 from hitmdp_jax.training.sweep import PREFIX, label

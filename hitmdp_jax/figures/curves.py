@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.figures.style import Style, color, option_color
+from hitmdp_jax.figures.style import Style, color, option_color, plain
 from hitmdp_jax.learning.options import mean_duration
 from hitmdp_jax.reading import read_numbers
 from hitmdp_jax.runs.folder import FIGURES, METRICS, replaced, subfolder
@@ -91,11 +91,6 @@ def smooth(
         window_sum(part, steps, switch_at, window) for part in (np.where(known, x, 0.0), known)
     )
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
-def plain(name: str) -> str:
-    """Return a name that Matplotlib shows as it stands: between dollars it reads a formula."""
-    return name.replace("$", r"\$")
 
 
 def plain_log(axis: Axis) -> None:
@@ -183,21 +178,36 @@ def learning_curve(
     return figure
 
 
+def count_options(metrics: Mapping[str, np.ndarray], name: str) -> int:
+    """Return K of the run of that name.
+
+    Raises:
+      UsageError: the run has no options, or no iteration yet.
+    """
+    if not metrics:
+        raise UsageError(f"The run {name} has no iteration yet.")
+    number = sum(column.startswith("option_steps_") for column in metrics)
+    if not number:
+        raise UsageError(f"The run {name} has no options to look into.")
+    return number
+
+
 def option_curves(
-    metrics: Mapping[str, np.ndarray], switch_at: int | None, place: int = 0
+    metrics: Mapping[str, np.ndarray], switch_at: int | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return each option's share of the steps and mean duration, [K, n], over `WINDOW` iterations.
+
+    They are those of the first seed: options have no common order across seeds.
 
     Args:
       metrics: as `read_metrics` gives them, of a run with options.
       switch_at: environment steps after which a transfer's second task began; None of one task.
-      place: the seed's: options have no common order across seeds.
     """
     num_options = sum(name.startswith("option_steps_") for name in metrics)
     steps = metrics["env_steps"][0]
     counts, starts = (
         window_sum(
-            np.nan_to_num([metrics[f"{name}_{k}"][place] for k in range(num_options)]),
+            np.nan_to_num([metrics[f"{name}_{k}"][0] for k in range(num_options)]),
             steps,
             switch_at,
         )

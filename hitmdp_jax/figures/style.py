@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 
 PALETTE = (
@@ -22,7 +23,7 @@ OWN = PALETTE[-1]  # of an algorithm that does not come with the package
 # Ends of arms' names that always look the same; other arms take what is left.
 VARIANTS = ("-one", "-held", "-printed")
 DASHES = ((4.0, 1.5), (1.0, 1.5), (4.0, 1.5, 1.0, 1.5), (8.0, 2.0), (8.0, 2.0, 1.0, 2.0))
-SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x")
+MARKERS = "osD^Xv"
 
 
 def option_color(k: int) -> str:
@@ -32,6 +33,26 @@ def option_color(k: int) -> str:
     pair = np.array([to_rgb(PALETTE[k]), to_rgb(PALETTE[(k + apart) % len(PALETTE)])])
     red, green, blue = pair.mean(axis=0) * 0.75**darker
     return to_hex((red, green, blue))
+
+
+def ink(color: Any) -> str:
+    """Return what is read on a colour: black or white."""
+    return "white" if np.dot(to_rgb(color), (0.2126, 0.7152, 0.0722)) < 0.5 else "black"
+
+
+def plain(name: str) -> str:
+    """Return a name that Matplotlib shows as it stands: between dollars it reads a formula."""
+    return name.replace("$", r"\$")
+
+
+def number_options(axes: Axes, num_options: int, which: str = "xy") -> None:
+    """Mark the options along the axes of that name by their numbers, each in its colour."""
+    for axis in which:
+        getattr(axes, f"set_{axis}ticks")(range(num_options))
+        labels = getattr(axes, f"get_{axis}ticklabels")()
+        for k, label in enumerate(labels):
+            label.set_color(option_color(k))
+            label.set_fontweight("bold")
 
 
 def shades(number: int) -> list[str]:
@@ -65,9 +86,9 @@ class Style(NamedTuple):
         return {"color": self.color, "dash": dash or "solid"}
 
     @property
-    def symbol(self) -> str:
-        """What Plotly draws a point by."""
-        return SYMBOLS[self.place % len(SYMBOLS)]
+    def marker(self) -> str:
+        """What Matplotlib draws a point by."""
+        return MARKERS[self.place % len(MARKERS)]
 
 
 def styles(arms: Mapping[str, str]) -> dict[str, Style]:

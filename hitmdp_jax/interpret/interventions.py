@@ -14,7 +14,6 @@ import numpy as np
 from brax.envs.base import Env
 from numpy.typing import ArrayLike
 
-from hitmdp_jax.experiments.statistics import number
 from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
 from hitmdp_jax.interpret.forced_options import force_options, number_of_options
 from hitmdp_jax.interpret.option_use import activations
@@ -217,6 +216,10 @@ def table(interventions: Interventions) -> list[list[str]]:
     rows = [["options", "return", "std error", "minus own", "std error of it"]]
     columns = zip(interventions.names, *effects(interventions), strict=True)
     for i, (name, mean, error, difference, difference_error) in enumerate(columns):
-        against = (number(difference, "+.1f"), number(difference_error)) if i else ("-", "-")
-        rows.append([name, number(mean), number(error), *against])
+        against = (_number(difference, "+z.1f"), _number(difference_error)) if i else ("-", "-")
+        rows.append([name, _number(mean), _number(error), *against])
     return rows
+
+
+def _number(x: float, spec: str = "z.1f") -> str:
+    return "-" if np.isnan(x) else format(x, spec)

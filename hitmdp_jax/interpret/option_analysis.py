@@ -8,6 +8,7 @@ import numpy as np
 from brax.envs.base import Env
 
 from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret import option_use
 from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
 from hitmdp_jax.interpret.evaluation import check_episodes, check_fit
@@ -55,6 +56,15 @@ class OptionAnalysis:
     def num_options(self) -> int:
         """Return K."""
         return number_of_options(self.policy.agent)
+
+    def check_several_options(self) -> None:
+        """Raise UsageError where there is nothing to tell apart."""
+        if self.num_options == 1:
+            raise UsageError("The policy has one option.")
+
+    def without(self, what: str) -> UsageError:
+        """Return the error that the agent lacks what was asked for."""
+        return UsageError(f"{type(self.policy.agent).__name__} has no {what} to draw.")
 
     @functools.cached_property
     def names(self) -> Names:

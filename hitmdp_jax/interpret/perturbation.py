@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hitmdp_jax.agents.hit_policy import HitPolicy
-from hitmdp_jax.figures.drawing import limit_of
 from hitmdp_jax.interpret.interventions import IDENTICAL
 from hitmdp_jax.runs.policy import Policy
 
@@ -50,11 +49,6 @@ class Perturbation(NamedTuple):
     def negligible(self) -> bool:
         """Whether no shift changes a mean action by what can be noticed."""
         return bool(self.effects.max() < NOTICED)
-
-    @property
-    def limit(self) -> float:
-        """Where charts of the changes end: at the noise, or at the largest change if it is more."""
-        return limit_of(np.append(self.moved, self.noise), TINY)
 
     @property
     def summary(self) -> str:

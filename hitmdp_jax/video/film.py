@@ -19,9 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.errors import UsageError, missing_extra
-from hitmdp_jax.figures.curves import plain
-from hitmdp_jax.figures.drawing import ink
-from hitmdp_jax.figures.style import option_color
+from hitmdp_jax.figures.style import ink, option_color, plain
 from hitmdp_jax.interpret.episodes import Trajectories
 from hitmdp_jax.runs.folder import replaced
 from hitmdp_jax.video.rendering import SIZE, Painter, forward_velocity

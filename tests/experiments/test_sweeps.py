@@ -8,8 +8,9 @@ import pytest
 from rich.console import Console
 
 from hitmdp_jax.cli.train import final_return
+from hitmdp_jax.experiments.comparison_page import comparison_page
 from hitmdp_jax.experiments.sweeps import by_setting, draw_sweep, rank, sweep_figure, table
-from hitmdp_jax.report.page import RunReport, compare
+from hitmdp_jax.report.run_report import RunReport
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.sinks import CsvSink
 from hitmdp_jax.runs.sinks.terminal import TerminalSink
@@ -88,8 +89,8 @@ def told_by_the_report(run_dir):
 
 
 def told_by_a_comparison(run_dir):
-    page = compare({"ppo": (run_dir, TWO)}, {"ppo": ""})
-    assert "ppo, gamma=0.9 (n = 2)" in page
+    page = comparison_page({"ppo": (run_dir, TWO)}, {"ppo": ""})
+    assert "<td>ppo, gamma=0.9</td><td>2</td>" in page
     (row,) = re.findall(r"<tr><td>(ppo, gamma=0.99</td>.*?)</tr>", page)
     return row.replace("<td>2</td>", "2 seeds")
 

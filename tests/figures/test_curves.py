@@ -11,9 +11,9 @@ from hitmdp_jax.figures.curves import (
     smooth,
     window_sum,
 )
-from hitmdp_jax.figures.options_in_time import figure6, figure8
+from hitmdp_jax.figures.registry import RunMetrics, find
 from hitmdp_jax.figures.style import styles
-from hitmdp_jax.report import plots
+from hitmdp_jax.report.interactive import learning_curves
 from hitmdp_jax.runs.sinks import CsvSink
 from tests.probes import trainings
 
@@ -111,6 +111,9 @@ def transfer():
     }
 
 
+RUN = RunMetrics("a", transfer(), "mopg", SWITCH)
+
+
 def curves_of_seeds():
     (axes,) = learning_curve(transfer(), "a run", "mopg", SWITCH).axes
     return axes.lines[0].get_xydata()
@@ -126,8 +129,7 @@ def curves_of_the_comparison(tmp_path):
 
 
 def curves_of_the_page():
-    how = "episode_return", "return", styles({"a": "mopg"}), {"a": SWITCH}
-    shown = plots.learning_curves({"a": transfer()}, *how)
+    shown = learning_curves({"a": transfer()}, styles({"a": "mopg"}), {"a": SWITCH})
     return np.stack([shown.data[0].x, shown.data[0].y], axis=1)
 
 
@@ -139,22 +141,12 @@ def curves_of_options(figure):
     return lasting.lines[1].get_xydata()
 
 
-def curves_of_options_on_the_page():
-    shares, lasting = plots.training_options(transfer(), 0, SWITCH)
-    assert shares.data[0].y[N // 2] == 0.0
-    return np.stack([lasting.data[1].x, lasting.data[1].y], axis=1)
-
-
 CURVES = {
     "of seeds": lambda _: curves_of_seeds(),
     "of a comparison": curves_of_the_comparison,
     "of the page": lambda _: curves_of_the_page(),
-    "of options": lambda _: curves_of_options(option_durations(transfer(), "a", SWITCH)),
-    "of figure 6": lambda _: curves_of_options(figure6(transfer(), "a", SWITCH)),
-    "of figure 8": lambda _: (
-        figure8({"a": transfer()}, {"a": SWITCH}).axes[0].lines[1].get_xydata()
-    ),
-    "of options on the page": lambda _: curves_of_options_on_the_page(),
+    "of figure 6": lambda _: curves_of_options(find("figure6").draw(RUN)),
+    "of figure 8": lambda _: find("figure8").draw([RUN]).axes[0].lines[1].get_xydata(),
 }
 
 

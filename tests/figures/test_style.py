@@ -11,9 +11,10 @@ from hitmdp_jax.cli import suites
 from hitmdp_jax.experiments.comparison import comparison_figure
 from hitmdp_jax.experiments.results_figure import figure
 from hitmdp_jax.experiments.sweeps import SettingResult, sweep_figure
+from hitmdp_jax.figures import scores
 from hitmdp_jax.figures.curves import learning_curve
 from hitmdp_jax.figures.style import ALGORITHMS, OWN, PALETTE, option_color, shades, styles
-from hitmdp_jax.report import plots
+from hitmdp_jax.report.interactive import learning_curves
 from hitmdp_jax.runs.sinks import CsvSink
 from tests.cli.conftest import CHECKOUT
 from tests.probes import trainings
@@ -141,14 +142,11 @@ def test_ppo_has_its_colour_in_every_picture(tmp_path):
         lines = [line for axes in drawn.axes for line in axes.lines]
         lines = [line for line in lines if line.get_label() in ("ppo", "ppo-held")]
         assert {to_hex(line.get_color()) for line in lines} == wanted
-    looks = styles({"dac": "dac", "ppo": "ppo"})
-    scores, switches = [np.arange(3.0)] * 2, {"dac": None, "ppo": None}
-    runs = dict.fromkeys(looks, metrics)
-    shown = [
-        plots.learning_curves(runs, "episode_return", "return", looks, switches),
-        plots.intervals(looks, scores, [1.0, 1.0], [[0.0, 2.0]] * 2),
-        plots.profiles(looks, scores),
-    ]
-    for chart in shown:
-        traces = [trace for trace in chart.data if trace.name.startswith("ppo")]
-        assert {trace.line.color or trace.marker.color for trace in traces} == wanted
+    looks = styles({"ppo": "ppo"})
+    for drawn in (
+        scores.intervals(looks, [np.arange(3.0)], [1.0], [[0.0, 2.0]]),
+        scores.profiles(looks, [np.arange(3.0)]),
+    ):
+        assert {line.get_color() for line in drawn.axes[0].lines} == wanted
+    shown = learning_curves({"ppo": metrics}, looks, {"ppo": None})
+    assert {trace.line.color for trace in shown.data} == wanted

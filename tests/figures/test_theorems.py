@@ -2,14 +2,14 @@ import jax
 import numpy as np
 import pytest
 
+from hitmdp_jax.figures.catalogue import contraction as contraction_figure
+from hitmdp_jax.figures.catalogue import variance as variance_figure
 from hitmdp_jax.figures.theorems import (
     GAMMAS,
     NUM_ITERATIONS,
     TERMINATIONS,
     contraction,
-    contraction_figure,
     sample_models,
-    variance_figure,
     variances,
 )
 
@@ -62,7 +62,7 @@ def test_proposition_3_5_is_an_equality_where_one_previous_option_occurs(at_star
 
 
 def test_contraction_figure_shows_each_median_below_its_bound(distances):
-    (axes,) = contraction_figure(distances).axes
+    (axes,) = contraction_figure.plot(distances).axes
     for i, gamma in enumerate(GAMMAS):
         median, bound = (line.get_ydata() for line in axes.lines[2 * i : 2 * i + 2])
         np.testing.assert_allclose(bound, gamma ** np.arange(NUM_ITERATIONS + 1))
@@ -70,7 +70,7 @@ def test_contraction_figure_shows_each_median_below_its_bound(distances):
 
 
 def test_variance_figure_shows_no_state_above_the_diagonal(parts, at_start):
-    points, ratios = variance_figure(parts, at_start).axes
+    points, ratios = variance_figure.plot(parts, at_start).axes
     states = np.concatenate([dots.get_offsets() for dots in points.collections])
     assert len(states) == 4 * parts.total[0].size
     assert np.all(states[:, 1] <= states[:, 0] * (1 + ROUNDING))

@@ -100,8 +100,3 @@ def test_what_cannot_be_noticed_is_not_told_as_if_it_were_something():
     assert tiny.negligible
     assert sentences(tiny, 0, ["hip", "knee"], 9) == ["no dimension moves an actuator noticeably"]
     assert tiny.summary.endswith("actions: practically nothing.")
-
-
-@pytest.mark.parametrize(("size", "limit"), [(3e-5, 0.5), (0.1, 0.5), (10.0, 18.0)])
-def test_nothing_tiny_fills_a_chart_of_changes(size, limit):
-    assert along_lines(SLOPES * size, 0.5).limit == pytest.approx(limit)

@@ -9,10 +9,13 @@ from plotly.offline import get_plotlyjs
 
 from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.experiments.comparison_page import comparison_page
+from hitmdp_jax.figures.embeddings import limit_of_changes
 from hitmdp_jax.interpret.names import Names
-from hitmdp_jax.report.page import RunReport, compare, explorer
+from hitmdp_jax.report.interactive import explorer
+from hitmdp_jax.report.run_report import RunReport
 from hitmdp_jax.runs.sinks import CsvSink
-from tests.interpret.test_option_analysis import analysis_of_embeddings
+from tests.interpret.analyses import analysis_of_embeddings
 
 
 def page_of(folder, num_options, seeds):
@@ -42,9 +45,12 @@ def headings(page):
 def test_of_a_single_option_is_shown_what_it_has_to_show(tmp_path):
     page = page_of(tmp_path, 1, seeds=1)
     assert headings(page) == [
-        "What was run", "What it learned", "Options while it learned", "When each option acts",
-        "What an embedding means", "Embeddings W", "What a dimension does to the actions",
-        "Where each option acts", "Settings", "Left out",
+        "What was run", "What it learned",
+        "Options while it learned", "How long options last, and how they share the steps",
+        "When each option acts", "Which options are active",
+        "What an embedding means", "Embeddings W and their cosine similarities",
+        "What a dimension does to the actions",
+        "Where each option acts", "Visited states in two dimensions", "Settings", "Left out",
     ]  # fmt: skip
     assert "<li>Do the options differ, and do they matter?: The policy has one option.</li>" in page
     assert "<li>Video: no luck.</li>" in page
@@ -57,10 +63,9 @@ def test_several_options_and_seeds_have_the_rest(tmp_path):
     assert {
         "Which option follows",
         "How probable the master policy's choice of each option is",
-        "Their cosine similarities",
+        "How far the options' actions are apart",
     } < {html.unescape(heading) for heading in headings(page)}
     assert "attention" not in page
-    assert "The options are practically identical" in page
     assert "practically nothing" in page
     assert "each of 2 trainings" in page
     assert "7.00 (interquartile mean of 2 seeds)" in page
@@ -69,7 +74,7 @@ def test_several_options_and_seeds_have_the_rest(tmp_path):
 def test_the_explorers_chart_ends_where_the_noise_of_the_actions_does():
     known = analysis_of_embeddings(9)
     part = explorer(known)
-    assert f'"limit": {known.perturbation.limit}' in part
+    assert f'"limit": {limit_of_changes(known.perturbation)}' in part
     assert "range: [-1.05 * found.limit, 1.05 * found.limit]" in part
 
 
@@ -117,7 +122,7 @@ def pages_of_a_stranger(folder, name):
         raise UsageError(name)
 
     yield RunReport(folder, config, name, 0, lambda: known, video).html()
-    yield compare({name: (folder, config)}, {name: name})
+    yield comparison_page({name: (folder, config)}, {name: name})
 
 
 def test_a_strangers_names_are_text_wherever_they_stand(tmp_path):

@@ -1,0 +1,211 @@
+"""The page about one run: what it learned, what each of its options does, and whether it matters.
+
+The figures about options are those of the catalogue that name a section of this page.
+"""
+
+import base64
+import dataclasses
+import functools
+import math
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.experiments.comparison import final_returns, headline, median_speed
+from hitmdp_jax.experiments.statistics import number, rounding
+from hitmdp_jax.experiments.sweeps import by_setting, rank
+from hitmdp_jax.experiments.sweeps import table as sweep_table
+from hitmdp_jax.figures import registry
+from hitmdp_jax.figures.curves import read_metrics
+from hitmdp_jax.figures.registry import Needs, RunMetrics
+from hitmdp_jax.figures.style import styles
+from hitmdp_jax.interpret import interventions
+from hitmdp_jax.interpret.option_analysis import OptionAnalysis
+from hitmdp_jax.interpret.perturbation import sentences
+from hitmdp_jax.report.interactive import chart, explorer, learning_curves
+from hitmdp_jax.report.page import Parts, drawing, heading, page, preformatted, table, text
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.provenance import made_with
+from hitmdp_jax.training.sweep import label
+
+SETTINGS = 7  # of a sweep whose curves are drawn, the best
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RunReport:
+    """The page about one run.
+
+    Args:
+      run_dir: the run's folder.
+      config: its settings.
+      command: what trains what they say.
+      training: the number of the training whose options are shown, among the run's.
+      analyse: makes the analysis of that policy; it raises UsageError where it has no options.
+      video: writes a video of that policy to a path; it raises UsageError if it cannot.
+    """
+
+    run_dir: Path
+    config: RunConfig
+    command: str
+    training: int
+    analyse: Callable[[], OptionAnalysis]
+    video: Callable[[Path], None]
+
+    def html(self) -> str:
+        """Return the page."""
+        shown = self.config.trainings[self.training]
+        of_options = {
+            section.value: functools.partial(self.options, section) for section in registry.Section
+        }
+        sections = {
+            "What was run": self.summary,
+            "What it learned": self.learning,
+            **of_options,
+            "Video": self.film,
+            "Settings": self.settings,
+        }
+        return page(self.config.title, f"What is said of options is of {shown.name}.", sections)
+
+    @functools.cached_property
+    def metrics(self) -> dict[str, np.ndarray]:
+        """The run's metrics [R, iterations].
+
+        Raises:
+          UsageError: there is no whole iteration of them.
+        """
+        metrics = read_metrics(self.run_dir, len(self.config.trainings))
+        if not metrics:
+            raise UsageError("The run has no finished iteration.")
+        return metrics
+
+    @functools.cached_property
+    def analysis(self) -> OptionAnalysis:
+        """What the policy's options do."""
+        return self.analyse()
+
+    @functools.cached_property
+    def of_training(self) -> RunMetrics:
+        """The metrics of the training whose options are shown."""
+        i, config = self.training, self.config
+        metrics = {name: x[i : i + 1] for name, x in self.metrics.items()}
+        return RunMetrics(config.title, metrics, config.algo["name"], config.switch_at)
+
+    def summary(self) -> Parts:
+        """Say what was run, with what, and how it ended."""
+        config, metrics = self.config, self.metrics
+        trainings, steps = len(config.trainings), int(metrics["env_steps"].max())
+        done = f"{steps:,} of {config.env_steps:,}"
+        done += f", of each of {trainings} trainings" if trainings > 1 else ""
+        if config.sweep:
+            done += f": {config.seeds} seeds of each of {len(config.settings)} settings"
+            best = rank(metrics, config)[0]
+            metrics = list(by_setting(config, metrics).values())[best.setting]
+        name, score = headline(metrics, config.switch_at)
+        if config.sweep:
+            name += f", of the best setting, {label(best.swept)}"
+        returns = final_returns(metrics, config.switch_at)
+        each = ", ".join(number(x, rounding(returns, fewer=1)) for x in returns)
+        minutes = steps / median_speed(self.metrics) / 60
+        time = f"about {minutes:.0f} minutes" if minutes >= 1.5 else "about a minute"
+        yield table(
+            [
+                ["", ""],
+                ["command", self.command],
+                ["environment steps", done],
+                [name, score],
+                *([["each seed", each]] if len(returns) > 1 else []),
+                *([["time", time]] if math.isfinite(minutes) else []),
+                ["made with", made_with(self.run_dir)],
+            ]
+        )
+
+    def learning(self) -> Parts:
+        """Draw the return while it learned, seed by seed."""
+        config, metrics = self.config, self.metrics
+        algorithm: str = config.algo["name"]
+        runs = {algorithm: metrics}
+        if config.sweep:
+            best = rank(metrics, config)
+            yield table(sweep_table(best))
+            settings = list(by_setting(config, metrics).items())
+            runs = dict(settings[result.setting] for result in best[:SETTINGS])
+        looks = styles(dict.fromkeys(runs, algorithm))
+        yield chart(learning_curves(runs, looks, dict.fromkeys(runs, config.switch_at)))
+        yield text("Thin lines are seeds, over the last 20 iterations each; the policy samples.")
+
+    def options(self, section: registry.Section) -> Parts:
+        """Draw the catalogue's figures of a section, then what else is said there.
+
+        Raises:
+          UsageError: none of them can be drawn, saying why the first cannot.
+        """
+        reasons: list[UsageError] = []
+        drawn = 0
+        for entry in registry.entries().values():
+            if entry.section != section:
+                continue
+            try:
+                of_run = entry.needs == Needs.METRICS
+                figure = entry.draw(self.of_training if of_run else self.analysis)
+            except UsageError as reason:
+                reasons.append(reason)
+                continue
+            drawn += 1
+            yield heading(entry.title)
+            if entry.caption:
+                yield text(entry.caption)
+            yield drawing(figure, entry.title)
+        if not drawn:
+            raise reasons[0]
+        if section in BESIDE:
+            yield from BESIDE[section](self.analysis)
+
+    def film(self) -> Parts:
+        """Show how an episode begins, the active option around it and as a strip below."""
+        yield text("The beginning of the first recorded episode.")
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "video.mp4"
+            self.video(path)
+            encoded = base64.b64encode(path.read_bytes()).decode()
+        yield Markup('<video controls src="data:video/mp4;base64,{}"></video>').format(encoded)
+
+    def settings(self) -> Parts:
+        """Quote every setting."""
+        yield preformatted(self.config.to_yaml())
+
+
+def usage(analysis: OptionAnalysis) -> Parts:
+    """Tell how often and for how long each option acts."""
+    rows = [["option", "share of steps", "mean duration (steps)"]]
+    for k in analysis.by_usage:
+        lasted = analysis.durations[np.isfinite(analysis.durations[:, k]), k]
+        mean = float(lasted.mean()) if lasted.size else np.nan
+        rows.append([f"option {k}", f"{analysis.usage[k]:.0%}", number(mean)])
+    yield table(rows)
+
+
+def returns(analysis: OptionAnalysis) -> Parts:
+    """Tell the returns under each way of choosing options."""
+    yield table(interventions.table(analysis.interventions))
+
+
+def dimensions(analysis: OptionAnalysis) -> Parts:
+    """Let a reader shift the dimensions of embeddings, and say what the strongest do."""
+    yield heading("What a dimension does to the actions")
+    yield explorer(analysis)
+    found = analysis.perturbation
+    assert found is not None
+    yield text(found.summary)
+    for k in analysis.by_usage[: 0 if found.negligible else 2]:
+        yield text(f"Option {k}: {'; '.join(sentences(found, k, analysis.names.actuators))}.")
+
+
+BESIDE: dict[registry.Section, Callable[[OptionAnalysis], Parts]] = {
+    registry.Section.TIMES: usage,
+    registry.Section.DIFFERENCES: returns,
+    registry.Section.EMBEDDINGS: dimensions,
+}

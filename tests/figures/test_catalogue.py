@@ -1,0 +1,178 @@
+"""Every figure of the catalogue, by what it says of policies and runs that are known."""
+
+import copy
+import io
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.text import Text
+
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.experiments.sweeps import SettingResult, sweep_figure
+from hitmdp_jax.figures.curves import learning_curve
+from hitmdp_jax.figures.embeddings import limit_of_changes
+from hitmdp_jax.figures.registry import Needs, RunMetrics, entries, find
+from hitmdp_jax.figures.style import option_color
+from hitmdp_jax.interpret.names import Names
+from hitmdp_jax.interpret.perturbation import strongest
+from tests.interpret.analyses import analysis_of_embeddings, analysis_of_terminations
+
+OF_EPISODES = [name for name, entry in entries().items() if entry.needs == Needs.EPISODES]
+WITHOUT = {  # what MOPG, and DAC, have not
+    "terminations": "MOPG has no termination functions to draw.",
+    **dict.fromkeys(("figure5", "figure12", "figure13", "figure14"), "DAC has no option embed"),
+    "attention": "DAC has no attention to draw.",
+}
+
+
+def texts(figure):
+    """Draw a figure; return the texts in it."""
+    figure.savefig(io.BytesIO(), format="svg")
+    return [text.get_text() for text in figure.findobj(Text)]
+
+
+@pytest.mark.parametrize("analysis", [analysis_of_embeddings, analysis_of_terminations])
+@pytest.mark.parametrize("name", OF_EPISODES)
+def test_a_figure_of_episodes_names_the_options_or_says_what_is_missing(name, analysis):
+    known = analysis()
+    lacking = WITHOUT.get(name, "")
+    if lacking.startswith(type(known.policy.agent).__name__):
+        with pytest.raises(UsageError, match=lacking):
+            find(name).draw(known)
+        return
+    found = " ".join(texts(find(name).draw(known)))
+    assert f"{known.by_usage[0]}" in found
+    assert ("W" in found) == (name.startswith("figure1") or name == "figure5")
+
+
+@pytest.mark.parametrize("name", ["causal", "transitions", "choices", "divergence"])
+def test_one_option_has_nothing_to_tell_apart(name):
+    with pytest.raises(UsageError, match=r"The policy has one option\."):
+        find(name).draw(analysis_of_embeddings(1))
+
+
+def limits(figure):
+    return {image.get_clim() for axes in figure.axes for image in axes.images}
+
+
+@pytest.mark.parametrize(("size", "limit"), [(0.0015, 1.0), (0.48, 1.0), (48.0, 48.0)])
+def test_options_that_hardly_differ_look_it(size, limit):
+    known = SimpleNamespace(divergence=size * (1.0 - np.eye(2)), check_several_options=list)
+    figure = find("divergence").draw(known)
+    assert limits(figure) == {(0.0, limit)}
+    said = figure.get_suptitle()
+    assert said.startswith("The options are practically identical") == (size < 0.01)
+
+
+@pytest.mark.parametrize("name", ["figure5", "figure13", "figure14"])
+def test_all_changes_of_actions_have_one_scale(name):
+    """An untrained policy's embeddings move nothing: no colour may say that they do."""
+    known = analysis_of_embeddings()
+    found, most = known.perturbation, np.abs(known.embeddings).max()
+    figure, limit = find(name).draw(known), limit_of_changes(found)
+    assert limits(figure) - {(-most, most)} == {(-limit, limit)}
+    assert limit == found.noise.max() > 100 * np.abs(found.moved).max()
+    said = " ".join(part.get_supxlabel() for part in (figure, *figure.subfigs))
+    assert "practically nothing" in said.replace("\n", " ")
+
+
+@pytest.mark.parametrize(("size", "limit"), [(3e-5, 0.5), (10.0, 10.0)])
+def test_nothing_tiny_fills_a_chart_of_changes(size, limit):
+    found = SimpleNamespace(moved=size * np.array([0.2, -1.0]), noise=np.full(2, 0.5))
+    assert limit_of_changes(found) == limit
+
+
+def test_the_dimension_that_moves_most_is_shown_with_its_slope():
+    known = analysis_of_embeddings()
+    option, slopes = known.by_usage[0], known.perturbation.slopes
+    e = strongest(slopes[option])[0]
+    found = texts(find("figure13").draw(known))
+    assert {f"dimension {e} of option {option}", f"{slopes[option, e, 0]:+z.3f}"} < set(found)
+
+
+def test_sequences_show_every_activation():
+    known = analysis_of_embeddings()
+    figure = find("figure7").draw(known)
+    for axes, episode in zip(figure.axes, known.activations, strict=True):
+        bars = [path.get_extents() for lane in axes.collections for path in lane.get_paths()]
+        assert sorted((round(b.x0), round(b.width)) for b in bars) == sorted(
+            zip(episode.start.tolist(), episode.duration.tolist(), strict=True)
+        )
+
+
+def test_a_film_stands_over_the_steps_that_it_shows():
+    """Seven steps, and a picture of the middle of each half of them."""
+    known = analysis_of_embeddings()
+    pictures = {1: np.zeros((4, 6, 3)), 5: np.ones((4, 6, 3))}
+    figure = find("figure10").draw(known, pictures)
+    figure.draw_without_rendering()
+    above, lanes = figure.axes
+    scale = figure.dpi_scale_trans.inverted()
+    film, strip = (axes.get_window_extent().transformed(scale) for axes in (above, lanes))
+    assert film.y0 >= strip.y1
+    np.testing.assert_allclose((film.x0, film.x1), (strip.x0, strip.x1))
+    assert above.get_xlim() == lanes.get_xlim() == (0, 7)
+    extents = [image.get_extent()[:2] for image in above.images]
+    np.testing.assert_allclose(np.mean(extents, axis=1), [1.75, 5.25])
+    wide, high = np.ptp(above.transData.transform([(0, 0), (0.96 * 3.5, 1)]), axis=0)
+    assert wide / high == pytest.approx(6 / 4, rel=0.08)
+    colors = [to_hex(frame.get_edgecolor()) for frame in above.patches]
+    assert colors == [option_color(k) for k in known.trajectories.option[[1, 5], 0]]
+    assert [line.get_xdata()[0] for line in lanes.lines] == [1, 5]
+
+
+def run_of(num_options, title):
+    steps = 2048 * np.arange(1, 31)[None]
+    metrics = {"env_steps": steps, "episode_return": steps}
+    for k in range(num_options):
+        metrics |= {f"option_steps_{k}": steps, f"option_activations_{k}": steps / (k + 2)}
+    return RunMetrics(title, metrics, "mopg")
+
+
+def test_durations_of_several_runs_stand_side_by_side():
+    figure = find("figure8").draw([run_of(4, "mopg"), run_of(2, "dac")])
+    assert {"mopg", "dac"} <= set(texts(figure))
+    last = [line.get_ydata()[-1] for line in figure.axes[1].lines if len(line.get_ydata())]
+    assert last == [2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("run", "sentence"),
+    [
+        (RunMetrics("a", {}, "mopg"), "The run a has no iteration yet"),
+        (run_of(0, "a"), "The run a has no options"),
+    ],
+)
+def test_runs_without_durations_say_so(run, sentence):
+    for name, needed in {"figure6": run, "figure8": [run]}.items():
+        with pytest.raises(UsageError, match=sentence):
+            find(name).draw(needed)
+
+
+FORMULA = r"$\frac$ and $x$"  # Matplotlib would read it, and fail
+
+
+def in_formulas():
+    """The answers about a task whose every entry is called a formula."""
+    known = copy.copy(analysis_of_embeddings())
+    known.__dict__["names"] = Names((FORMULA,) * 2, (FORMULA,))
+    return known
+
+
+NAMED = {
+    "figure5": lambda: find("figure5").draw(in_formulas()),
+    "projection": lambda: find("projection").draw(in_formulas()),
+    "learning_curve": lambda: learning_curve(run_of(2, "").metrics, FORMULA, "mopg"),
+    "figure6": lambda: find("figure6").draw(run_of(2, FORMULA)),
+    "figure8": lambda: find("figure8").draw([run_of(2, FORMULA)]),
+    "sweep": lambda: sweep_figure(
+        [SettingResult(0, {FORMULA: 0.9}, np.ones(2), "all steps")], FORMULA, "mopg"
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_names_are_drawn_as_they_stand(name):
+    assert any(FORMULA in text.replace(r"\$", "$") for text in texts(NAMED[name]()))
