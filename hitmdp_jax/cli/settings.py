@@ -20,6 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 import hitmdp_jax
 from hitmdp_jax import plugins
+from hitmdp_jax.cli.tasks import store_tasks
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.runs.config import RunConfig, trust_named
 from hitmdp_jax.runs.folder import check_replaceable
@@ -84,6 +85,7 @@ class Settings:
     def __init__(self, arguments: Sequence[str], multirun: bool = False):
         self.folder = configs()
         self.groups = {p.name: _choices(p) for p in self.folder.iterdir() if p.is_dir()}
+        self.groups["env"] += store_tasks()
         parsed = [_parse(_literal(text, multirun)) for text in arguments]
         _check_form(parsed, multirun)
         own = {o.key_or_group for o in parsed if _is_own(o)}

@@ -3,7 +3,7 @@
 import inspect
 import math
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from typing import Any, Literal, Union, get_args, get_origin
 
 import jax
@@ -51,12 +51,14 @@ def parameters_of(constructor: Callable[..., Any]) -> dict[str, inspect.Paramete
     return found | rest
 
 
-def defaults_of(constructor: Callable[..., Any]) -> dict[str, Any]:
-    """Return the defaults of a constructor's keywords, without those that `make_env` passes."""
-    parameters = parameters_of(constructor).values()
-    return {
-        p.name: p.default for p in parameters if p.default is not p.empty and p.name not in GIVEN
-    }
+def defaults_of(constructor: Callable[..., Any], without: Container[str] = GIVEN) -> dict[str, Any]:
+    """Return the defaults that a constructor states itself, by keyword.
+
+    Keywords that it hands on are left out: a class may give them other defaults on their way.
+    """
+    parameters = inspect.signature(constructor).parameters.values()
+    stated = (p for p in parameters if p.default is not p.empty)
+    return {p.name: p.default for p in stated if p.name not in without}
 
 
 def check_keywords(

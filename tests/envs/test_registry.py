@@ -1,11 +1,8 @@
 import importlib.util
-import inspect
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import pytest
-import yaml
 from brax.envs.base import Env, State
 from brax.envs.wrappers import training
 
@@ -13,34 +10,6 @@ import hitmdp_jax
 from hitmdp_jax import physics
 from hitmdp_jax.envs import check_env, check_installed
 from hitmdp_jax.errors import UsageError
-
-CONFIGS = Path(__file__).parents[2] / "configs" / "env"
-
-
-@pytest.mark.parametrize("name", hitmdp_jax.list_envs())
-def test_yaml_states_the_constructor_defaults(name):
-    settings = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text())
-    assert settings.pop("name") == name
-    parameters = inspect.signature(check_env(name)).parameters
-    if "version" in parameters:
-        assert settings.pop("version") == parameters["version"].default
-    defaults = {
-        p.name: list(p.default) if isinstance(p.default, tuple) else p.default
-        for p in parameters.values()
-        if p.kind is inspect.Parameter.KEYWORD_ONLY
-    }
-    assert settings == defaults
-
-
-def test_every_yaml_names_a_task():
-    names = {str(p.relative_to(CONFIGS).with_suffix("")) for p in CONFIGS.rglob("*.yaml")}
-    names.remove("own")  # stands for a task in a file of the user's own
-    assert {n for n in names if not n.startswith("brax/")} == set(hitmdp_jax.list_envs())
-    for name in names:
-        settings = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text())
-        assert settings["name"] == name
-        check_env(**settings)
-
 
 ON_WARP = ("halfcheetah", "dmc/reacher_easy", "maze/ant_umaze")  # stand for all: tracing takes 2 s
 

@@ -32,8 +32,7 @@ class Suite:
       package: the package of Python that its tasks need beside this one's own, if any.
       extra: the extra of this package that installs it.
       own_physics: whether its tasks bring physics of their own, so that no engine is chosen.
-      ours: whether the tasks are written in this package, which then lists them and gives the names
-        of their keywords one meaning (`check_keywords`).
+      ours: whether the tasks are written in this package, so that `list_envs` lists them.
       folder: the package that holds the modules of `tasks`.
       tasks: the name without the prefix -> "module:Class", imported when the task is first made, so
         that listing tasks costs nothing.
@@ -66,7 +65,7 @@ class Suite:
         if not isinstance(version, str) or version not in VERSIONS:
             raise unknown_name("version", str(version), VERSIONS)
         task = self.constructor(name)
-        check_keywords(name, task, keywords, domains=self.ours)
+        check_keywords(name, task, keywords)
         return task
 
     def check_engine(self, name: str, physics: PhysicsChoice) -> None:
