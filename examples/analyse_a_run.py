@@ -23,7 +23,7 @@ def main(folder, num_steps=40_960, episodes=4):
     key_train, key_record = jax.random.split(jax.random.key(0))
     train = jax.jit(lambda key: hitmdp_jax.train(agent, env, key, num_steps=num_steps)[0])
     state = train(key_train)
-    policy = hitmdp_jax.Policy(agent, state.learner.params, state.normalizer)
+    policy = hitmdp_jax.Policy(agent.bind(state.spec), state.learner.params, state.normalizer)
 
     analysis = OptionAnalysis(policy, env, key_record, episodes)  # computes what is read
     print("share of the steps:", analysis.usage.round(2))
@@ -31,7 +31,7 @@ def main(folder, num_steps=40_960, episodes=4):
     tables.show(interventions.table(analysis.interventions))
     option, found = analysis.by_usage[0], analysis.perturbation
     assert found is not None  # MOPG's options are embeddings
-    for sentence in sentences(found, option, analysis.names.actuators):
+    for sentence in sentences(found, option, analysis.spec.action.names):
         print(f"option {option}: {sentence}")
 
     folder.mkdir(parents=True, exist_ok=True)

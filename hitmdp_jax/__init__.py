@@ -9,12 +9,14 @@ with contextlib.redirect_stdout(io.StringIO()):
 
 from hitmdp_jax import agents
 from hitmdp_jax.envs import list_envs, make_env, register_env
+from hitmdp_jax.envs.spec import Spec, spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.runs.policy import Policy, load, save
 from hitmdp_jax.training.program import TrainState, make_train, train
 
 __all__ = [
     "Policy",
+    "Spec",
     "TrainState",
     "UsageError",
     "agents",
@@ -24,5 +26,6 @@ __all__ = [
     "make_train",
     "register_env",
     "save",
+    "spec_of",
     "train",
 ]

@@ -7,7 +7,10 @@ from brax.envs.base import Env, State
 from flax import struct
 
 import hitmdp_jax
+from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.envs.suites.toy.turkey import Turkey
+from hitmdp_jax.learning.normalization import initial_statistics
+from hitmdp_jax.runs.policy import Policy
 from hitmdp_jax.training.sweep import Training
 
 # A run that compiles quickly. Wherever another one is not the point it is this one, so that its
@@ -17,6 +20,17 @@ QUICK = {
     "env": {"name": "invertedpendulum"},
     "physics": "native",
 }
+
+
+def spec_of_sizes(observations, actions):
+    """Return what a task says of itself that shows and takes so many numbers."""
+    return Spec(Observation((observations,)), Box.unlimited(actions))
+
+
+def untrained_policy(agent, key):
+    """Return what an agent, bound to a task, does before it learns."""
+    normalizer = initial_statistics(agent.spec.observation.size)
+    return Policy(agent, agent.init(key, agent.spec).params, normalizer)
 
 
 class Target(Env):

@@ -115,7 +115,7 @@ def test_training_and_evaluation_give_the_same_numbers():
         sizes = {"num_steps": 256, "num_envs": 8, "rollout_length": 16}
         train = jax.jit(lambda key: hitmdp_jax.train(agent, env, key, **sizes))
         state, metrics = train(jax.random.key(0))
-        policy = Policy(agent, state.learner.params, state.normalizer)
+        policy = Policy(agent.bind(state.spec), state.learner.params, state.normalizer)
         returns = run_episodes(policy, env, jax.random.key(1), 4).returns
         return state.learner.params, metrics, returns
 

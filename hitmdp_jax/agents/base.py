@@ -9,6 +9,7 @@ import jax
 from flax import struct
 
 from hitmdp_jax.checks import fault_of_whole, in_float32
+from hitmdp_jax.envs.spec import Action, Spec
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
@@ -34,6 +35,11 @@ def static(default: Any, choices: tuple[str, ...] = ()) -> Any:
     return struct.field(pytree_node=False, default=default, metadata={"choices": choices})
 
 
+def hyperparameters_of(agent: Any) -> tuple[dataclasses.Field, ...]:
+    """Return the hyperparameters of an agent or of its class: its fields but for its task."""
+    return tuple(field for field in dataclasses.fields(agent) if field.name != "spec")
+
+
 def check_hyperparameters(agent: Any) -> None:
     """Reject values outside the domains that an agent's fields declare; arrays pass, as traced.
 
@@ -44,7 +50,7 @@ def check_hyperparameters(agent: Any) -> None:
         raise UsageError(f"agent is the class {agent.__name__}: pass an agent, {agent.__name__}().")
     if not isinstance(agent, Agent):
         raise UsageError(f"{agent!r} is not an agent; make one, for example agents.MOPG().")
-    for field in dataclasses.fields(agent):
+    for field in hyperparameters_of(agent):
         value, default = getattr(agent, field.name), field.default
         wanted = ""
         if choices := field.metadata.get("choices"):
@@ -102,9 +108,14 @@ class Agent(abc.ABC):
     tuples are static. `traced` and `static` also declare a field's domain, which is checked when an
     agent is made. It owes three methods, `init`, `act` and `update`.
 
+    `spec` is no hyperparameter: it is the task that the agent acts in. Training and `load` bind the
+    agent to it, so that `act` and `update` know what actions there are.
+
     `memory` is what the policy carries from step to step: nothing for PPO, o_{t-1} for MOPG. Every
     method takes any leading batch shape.
     """
+
+    spec: Spec | None = dataclasses.field(default=None, kw_only=True)
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -113,9 +124,9 @@ class Agent(abc.ABC):
 
     def __new__(cls, *args: Any, **hyperparameters: Any) -> Self:
         """Check the names, which `__init__` would not explain."""
-        fields = [field.name for field in dataclasses.fields(cls)]
+        fields = [field.name for field in hyperparameters_of(cls)]
         for name in hyperparameters:
-            if name not in fields:
+            if name not in (*fields, "spec"):
                 raise unknown_name(f"hyperparameter of {cls.__name__}", name, fields)
         return super().__new__(cls)
 
@@ -134,9 +145,25 @@ class Agent(abc.ABC):
         """Return the agent with other hyperparameters."""
         return dataclasses.replace(self, **changes)
 
+    def bind(self, spec: Spec) -> Self:
+        """Return the agent of a task."""
+        return self.replace(spec=spec)
+
+    @property
+    def actions(self) -> Action:
+        """The actions of the agent's task.
+
+        Raises:
+          UsageError: the agent is bound to no task.
+        """
+        if self.spec is None:
+            name = type(self).__name__
+            raise UsageError(f"This {name} knows no task: bind it, {name}().bind(spec_of(env)).")
+        return self.spec.action
+
     def traced_values(self) -> dict[str, Any]:
         """Return the hyperparameters that are pytree leaves, by name: what may be swept."""
-        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if _is_leaf(f)}
+        return {f.name: getattr(self, f.name) for f in hyperparameters_of(self) if _is_leaf(f)}
 
     def scheduled(self, progress: jax.Array) -> "Agent":
         """Return the agent as it acts and learns after a fraction `progress` of the run."""
@@ -154,8 +181,8 @@ class Agent(abc.ABC):
         """
 
     @abc.abstractmethod
-    def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
-        """Return new parameters and optimiser state."""
+    def init(self, key: jax.Array, spec: Spec) -> LearnerState:
+        """Return new parameters and optimiser state for a task."""
 
     def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> Any:
         """Return the memory of an episode's start."""
@@ -168,7 +195,8 @@ class Agent(abc.ABC):
         """Choose actions for normalised observations [..., O].
 
         Returns:
-          The action [..., A], the new memory, and a record of what else `update` needs.
+          The action [..., A], or the choice [...]; the new memory; and a record of what else
+          `update` needs.
         """
 
     @abc.abstractmethod
@@ -186,10 +214,10 @@ class Agent(abc.ABC):
         return None
 
     def policy(self, params: Any, obs: jax.Array, option: jax.Array) -> Any:
-        """Return P(a | s, o), a distribution over [..., A], for normalised observations [..., O].
+        """Return P(a | s, o), a distribution of Distrax, for normalised observations [..., O].
 
         The options [...] may be other ones than the agent would take; observations and options
-        broadcast. None where the algorithm has no options.
+        broadcast. Without options it is P(a | s), whichever is named; None where nobody says.
         """
         return None
 

@@ -17,17 +17,13 @@ OURS = {  # metrics that training itself adds
 } | {"episodes", "recent_return", "recent_length", "diverged", "steps_per_second"}
 
 
-def check_algorithm(
-    agent: Agent, observation_size: int, action_size: int, num_envs: int, rollout_length: int
-) -> None:
+def check_algorithm(agent: Agent, num_envs: int, rollout_length: int) -> None:
     """Check what an algorithm's methods return, by tracing them; ours are left alone.
 
     What the algorithm's own code raises is its author's to see.
 
     Args:
-      agent: the algorithm.
-      observation_size: O of the task.
-      action_size: A of the task.
+      agent: the algorithm, bound to its task.
       num_envs: B.
       rollout_length: T.
 
@@ -36,29 +32,29 @@ def check_algorithm(
     """
     if type(agent).__module__.split(".")[0] == "hitmdp_jax":
         return
-    sizes = observation_size, action_size, num_envs, rollout_length
-    if fault := _fault(agent, *sizes):
+    if fault := _fault(agent, num_envs, rollout_length):
         raise UsageError(f"{type(agent).__name__} cannot learn: {fault}.")
 
 
-def _fault(agent: Agent, num_obs: int, num_actions: int, num_envs: int, length: int) -> str | None:
-    key = jax.random.key(0)
-    state = traced(lambda key: agent.init(key, num_obs, num_actions), key)
+def _fault(agent: Agent, num_envs: int, length: int) -> str | None:
+    key, spec = jax.random.key(0), agent.spec
+    assert spec is not None
+    state = traced(lambda key: agent.init(key, spec), key)
     if not isinstance(state, LearnerState):
         return f"its init returns a {type(state).__name__} and must return a LearnerState"
     memory = traced(lambda key: agent.initial_memory(key, (num_envs,)), key)
     for x in jax.tree.leaves(memory):
         if not is_array(x) or x.shape[:1] != (num_envs,):
             return f"its initial_memory holds {told(x)} and must be [B, ...] of {num_envs} tasks"
-    obs = jax.ShapeDtypeStruct((num_envs, num_obs), jnp.float32)
+    obs = jax.ShapeDtypeStruct((num_envs, spec.observation.size), jnp.float32)
     acted = traced(agent.act, state.params, obs, memory, key)
     if not isinstance(acted, tuple) or len(acted) != 3:
         return "its act must return three things: the action, the memory and the record"
     action, new_memory, record = acted
-    if not is_array(action) or action.shape != (num_envs, num_actions):
-        return f"its act returns {told(action)} for actions and must return [B, A], " + str(
-            [num_envs, num_actions]
-        )
+    shape = num_envs, *spec.action.shape
+    if not is_array(action) or action.shape != shape:
+        wanted = "[B, A]" if spec.action.shape else "choices [B]"
+        return f"its act returns {told(action)} for actions and must return {wanted}, {[*shape]}"
     if fault := difference(memory, new_memory, "its initial_memory", "its act"):
         return fault
     batch = _batch(obs, action, memory, record, length)

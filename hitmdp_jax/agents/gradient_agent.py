@@ -10,6 +10,7 @@ import optax
 
 from hitmdp_jax.agents.base import Agent, LearnerState, static, traced
 from hitmdp_jax.checks import divisor_below
+from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.advantages import discounted_returns, generalized_advantages, spread
 from hitmdp_jax.learning.optimization import Loss, adam, adapted_share, minibatch_epochs
@@ -33,17 +34,17 @@ class GradientAgent(Agent):
     bootstrap_on_truncation: bool = static(True)
 
     @abc.abstractmethod
-    def network(self, action_size: int) -> nn.Module:
-        """Return the network for actions of this size; called with observations, it runs whole."""
+    def network(self) -> nn.Module:
+        """Return the network for the task's actions; called with observations, it runs whole."""
 
     def optimizer(self) -> optax.GradientTransformation:
         """Return Adam behind a gradient-norm clip."""
         return adam(self.learning_rate, self.max_grad_norm, self.adam_eps)
 
-    def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
-        """Return new parameters and optimiser state."""
-        obs = jnp.zeros((1, observation_size), jnp.float32)
-        params = self.network(action_size).init(key, obs)["params"]
+    def init(self, key: jax.Array, spec: Spec) -> LearnerState:
+        """Return new parameters and optimiser state for a task."""
+        obs = jnp.zeros((1, spec.observation.size), jnp.float32)
+        params = self.bind(spec).network().init(key, obs)["params"]
         return LearnerState(params, self.optimizer().init(params))
 
     def returns(self, batch: Batch, next_value: jax.Array) -> jax.Array:
@@ -151,9 +152,9 @@ class ScaledAgent(ClippedAgent):
     normalize_values: bool = static(True)
     value_decay: float = traced(0.03, high=1.0)  # an update's, with normalize_values
 
-    def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
-        """Return new parameters and optimiser state, and the whole learning rate."""
-        state = super().init(key, observation_size, action_size)
+    def init(self, key: jax.Array, spec: Spec) -> LearnerState:
+        """Return new parameters and optimiser state for a task, and the whole learning rate."""
+        state = super().init(key, spec)
         return state.replace(extra=jnp.ones((), jnp.float32))
 
     def bonus(self, advantage: jax.Array) -> jax.Array:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import static, traced
 from hitmdp_jax.agents.gradient_agent import GradientAgent
+from hitmdp_jax.envs.spec import Action
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEncoder
 
@@ -34,7 +35,7 @@ def remember(memory: jax.Array, option: jax.Array, num_options: int, order: int)
 class HitNetwork(nn.Module):
     """Option embeddings W [K, E], the master policy, the action policy and the critic Q_O."""
 
-    action_size: int
+    actions: Action
     num_options: int
     embedding_size: int
     hidden_sizes: tuple[int, ...]
@@ -60,7 +61,7 @@ class HitNetwork(nn.Module):
             input_scale=self.input_scale,
         )
         self.decoder = ActionDecoder(
-            self.action_size, self.hidden_sizes, self.activation, self.initial_log_std
+            self.actions, self.hidden_sizes, self.activation, self.initial_log_std
         )
         self.critic = Critic(self.hidden_sizes, self.activation)
 
@@ -75,8 +76,8 @@ class HitNetwork(nn.Module):
         logits = self.encoder(obs, previous, self.embeddings, similarity)
         return jax.nn.log_softmax(logits)
 
-    def action(self, obs: jax.Array, option: jax.Array) -> distrax.MultivariateNormalDiag:
-        """Return P(a | s, o) over [..., A] for obs [..., O], option [...]."""
+    def action(self, obs: jax.Array, option: jax.Array) -> Any:
+        """Return P(a | s, o), a distribution, for obs [..., O], option [...]."""
         rows = self.option_scale * self.input_scale * self.embeddings
         return self.decoder(obs, rows, option)
 
@@ -85,8 +86,8 @@ class HitNetwork(nn.Module):
         every = self.option_scale * jnp.eye(self.num_options**self.value_order, dtype=jnp.float32)
         return self.critic(obs, every, memory)
 
-    def every_action(self, obs: jax.Array) -> distrax.MultivariateNormalDiag:
-        """Return P(a | s, o) of each option, over [..., K, A], for obs [..., O]."""
+    def every_action(self, obs: jax.Array) -> Any:
+        """Return P(a | s, o) of each option, over [..., K], for obs [..., O]."""
         return self.action(obs[..., None, :], jnp.arange(self.num_options))
 
     def every_q(self, obs: jax.Array, memory: jax.Array) -> jax.Array:
@@ -130,10 +131,10 @@ class HitPolicy(GradientAgent):
                 f"{self.num_options}^{self.value_order} memories, more than 2^31: lower one."
             )
 
-    def network(self, action_size: int) -> HitNetwork:
-        """Return the network for actions of this size."""
+    def network(self) -> HitNetwork:
+        """Return the network for the task's actions."""
         return HitNetwork(
-            action_size,
+            self.actions,
             self.num_options,
             self.embedding_size,
             self.hidden_sizes,
@@ -147,8 +148,7 @@ class HitPolicy(GradientAgent):
         )
 
     def _apply(self, params: Any, method: str, *args: jax.Array) -> Any:
-        network = self.network(params["decoder"]["log_std"].size)
-        return network.apply({"params": params}, *args, method=method)
+        return self.network().apply({"params": params}, *args, method=method)
 
     def option_log_probs(self, params: Any, obs: jax.Array, previous: jax.Array) -> jax.Array:
         """Return log P(o | s, o_{t-1}) [..., K] for obs [..., O], previous [...]."""
@@ -156,7 +156,7 @@ class HitPolicy(GradientAgent):
 
     def attention(self, params: Any, obs: jax.Array, previous: jax.Array) -> jax.Array:
         """Return how much the master attends to each option [..., K] for obs, previous [...]."""
-        network: Any = self.network(params["decoder"]["log_std"].size)
+        network: Any = self.network()
         _, kept = network.apply(
             {"params": params}, obs, previous, method="master", mutable=["intermediates"]
         )
@@ -164,11 +164,11 @@ class HitPolicy(GradientAgent):
         return weights
 
     def policy(self, params: Any, obs: jax.Array, option: jax.Array) -> Any:
-        """Return P(a | s, o), a distribution over [..., A], for obs [..., O], option [...]."""
+        """Return P(a | s, o), a distribution, for obs [..., O], option [...]."""
         return self._apply(params, "action", obs, option)
 
     def every_policy(self, params: Any, obs: jax.Array) -> Any:
-        """Return P(a | s, o) of each option, a distribution over [..., K, A]."""
+        """Return P(a | s, o) of each option, a distribution over [..., K]."""
         return self._apply(params, "every_action", obs)
 
     def q(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:

@@ -18,6 +18,7 @@ from hitmdp_jax.learning.options import (
 )
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
+from hitmdp_jax.networks.action_heads import log_prob_of_each
 
 
 class BeliefMemory(OptionMemory):
@@ -70,7 +71,7 @@ class IOPG(OptionAgent):
         log_belief = option_belief(
             memory.log_posterior, heads.log_master, heads.termination, memory.initial
         )
-        log_density = heads.every_policy().log_prob(action[..., None, :])
+        log_density = log_prob_of_each(heads.every_policy(), action)
         posterior = jax.nn.log_softmax(log_belief + log_density)
         return action, BeliefMemory(new.previous, new.initial, posterior), option
 
@@ -109,7 +110,7 @@ class IOPG(OptionAgent):
           [T, B, K]; and log P(a_t | s_0..s_t, a_0..a_{t-1}) [T, B].
         """
         heads = self.heads(params, batch.obs)
-        log_density = heads.every_policy().log_prob(batch.action[..., None, :])  # [T, B, K]
+        log_density = log_prob_of_each(heads.every_policy(), batch.action)  # [T, B, K]
 
         def step(log_posterior: jax.Array, inputs: tuple[jax.Array, ...]):
             *states, log_density_t = inputs

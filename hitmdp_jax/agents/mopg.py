@@ -20,6 +20,7 @@ from hitmdp_jax.learning.options import (
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.schedules import SCHEDULES, anneal
 from hitmdp_jax.metrics import Metrics
+from hitmdp_jax.networks.action_heads import log_prob_of_each
 
 
 class MOPG(HitPolicy, ScaledAgent):
@@ -129,7 +130,7 @@ class MOPG(HitPolicy, ScaledAgent):
         if self.mutual_information == "none":
             return jnp.zeros_like(batch.reward)
         obs, option = batch.obs, batch.record
-        log_action = self.every_policy(params, obs).log_prob(batch.action[..., None, :])
+        log_action = log_prob_of_each(self.every_policy(params, obs), batch.action)
         if self.mutual_information == "action":
             return mi.action_information(log_option, log_action, option)
         if self.mutual_information == "usage":

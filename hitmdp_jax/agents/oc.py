@@ -8,6 +8,7 @@ from flax import struct
 
 from hitmdp_jax.agents.base import LearnerState, static, traced
 from hitmdp_jax.agents.option_agent import OptionAgent
+from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.learning.optimization import gradient_step
 from hitmdp_jax.learning.options import at_option, expected_value, termination_objective
 from hitmdp_jax.learning.rollout import Batch
@@ -48,9 +49,9 @@ class OC(OptionAgent):
         master = self.epsilon / self.num_options + (1.0 - self.epsilon) * best
         return heads.replace(log_master=jnp.log(master))
 
-    def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
-        """Return new parameters, optimiser state and target network."""
-        state = super().init(key, observation_size, action_size)
+    def init(self, key: jax.Array, spec: Spec) -> LearnerState:
+        """Return new parameters, optimiser state and target network for a task."""
+        state = super().init(key, spec)
         return state.replace(extra=TargetNetwork(state.params, jnp.zeros((), jnp.int32)))
 
     def update(

@@ -49,19 +49,19 @@ class OptionAgent(GradientAgent):
         """Return the number of the critic's outputs: Q[s, o] of each option."""
         return self.num_options
 
-    def network(self, action_size: int) -> OptionNetwork:
-        """Return the network for actions of this size."""
+    def network(self) -> OptionNetwork:
+        """Return the network for the task's actions."""
         return OptionNetwork(
-            action_size, self.num_options, self.num_values, self.hidden_sizes, self.activation
+            self.actions, self.num_options, self.num_values, self.hidden_sizes, self.activation
         )
 
     def heads(self, params: Any, obs: jax.Array) -> OptionHeads:
         """Return the policies, the terminations, the master and the values in states [..., O]."""
-        network: Any = self.network(params["rho"].shape[-1])
+        network: Any = self.network()
         return network.apply({"params": params}, obs)
 
     def policy(self, params: Any, obs: jax.Array, option: jax.Array) -> Any:
-        """Return pi_o(a | s), a distribution over [..., A], for obs [..., O], option [...]."""
+        """Return pi_o(a | s), a distribution, for obs [..., O], option [...]."""
         return self.heads(params, obs).policy(option)
 
     def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> Any:

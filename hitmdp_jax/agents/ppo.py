@@ -2,12 +2,12 @@
 
 from typing import Any
 
-import distrax
 import flax.linen as nn
 import jax
 
 from hitmdp_jax.agents.base import traced
 from hitmdp_jax.agents.gradient_agent import ScaledAgent
+from hitmdp_jax.envs.spec import Action
 from hitmdp_jax.learning.advantages import standardize
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
@@ -15,9 +15,9 @@ from hitmdp_jax.networks import ActionDecoder, Critic
 
 
 class PPONetwork(nn.Module):
-    """A Gaussian policy P(a | s) and a critic V[s], nothing shared."""
+    """A policy P(a | s) and a critic V[s], nothing shared."""
 
-    action_size: int
+    actions: Action
     hidden_sizes: tuple[int, ...]
     activation: str
     initial_log_std: jax.Array | float
@@ -25,31 +25,34 @@ class PPONetwork(nn.Module):
     def setup(self):
         """Declare the parts."""
         self.decoder = ActionDecoder(
-            self.action_size, self.hidden_sizes, self.activation, self.initial_log_std
+            self.actions, self.hidden_sizes, self.activation, self.initial_log_std
         )
         self.critic = Critic(self.hidden_sizes, self.activation)
 
-    def __call__(self, obs: jax.Array) -> tuple[distrax.MultivariateNormalDiag, jax.Array]:
-        """Return the policy over [..., A] and the value [...] of obs [..., O]."""
+    def __call__(self, obs: jax.Array) -> tuple[Any, jax.Array]:
+        """Return the policy, a distribution, and the value [...] of obs [..., O]."""
         return self.decoder(obs), self.critic(obs)
 
 
 class PPO(ScaledAgent):
-    """Learns one Gaussian policy by the clipped surrogate. It has no memory.
+    """Learns one policy by the clipped surrogate. It has no memory.
 
     Sizes and hyperparameters equal MOPG's, so that the two differ in the options alone.
     """
 
     initial_log_std: float = traced(-0.5, low=-10.0, high=10.0)
 
-    def network(self, action_size: int) -> PPONetwork:
-        """Return the network for actions of this size."""
-        return PPONetwork(action_size, self.hidden_sizes, self.activation, self.initial_log_std)
+    def network(self) -> PPONetwork:
+        """Return the network for the task's actions."""
+        return PPONetwork(self.actions, self.hidden_sizes, self.activation, self.initial_log_std)
 
     def heads(self, params: Any, obs: jax.Array) -> Any:
-        """Return the policy, a distribution over [..., A], and the value [...] of obs [..., O]."""
-        network = self.network(params["decoder"]["log_std"].size)
-        return network.apply({"params": params}, obs)
+        """Return the policy, a distribution, and the value [...] of obs [..., O]."""
+        return self.network().apply({"params": params}, obs)
+
+    def policy(self, params: Any, obs: jax.Array, option: jax.Array | None = None) -> Any:
+        """Return P(a | s), a distribution, for obs [..., O]; there are no options."""
+        return self.heads(params, obs)[0]
 
     def act(
         self,
@@ -59,7 +62,7 @@ class PPO(ScaledAgent):
         key: jax.Array,
         deterministic: bool = False,
     ) -> tuple[jax.Array, tuple[()], tuple[()]]:
-        """Draw a_t; the deterministic policy takes the mean."""
+        """Draw a_t; the deterministic policy takes the likeliest."""
         policy, _ = self.heads(params, obs)
         return (policy.mode() if deterministic else policy.sample(seed=key)), (), ()
 

@@ -192,7 +192,7 @@ class Evaluation:
         assert state is not None
         here = jax.local_devices()[0]
         learned = jax.device_put((state.learner.params, state.normalizer), here)
-        everyone = Policy(run.agent.replace(**config.swept), *learned)
+        everyone = Policy(run.agent.replace(**config.swept).bind(state.spec), *learned)
         keys = [
             jax.random.fold_in(jax.random.key(training.seed + SEED_OFFSET), progress.iteration)
             for training in config.trainings

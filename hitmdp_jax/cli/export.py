@@ -10,14 +10,10 @@ import json
 import logging
 from pathlib import Path
 
-from brax.envs.base import Env
-
 from hitmdp_jax.cli.guard import guarded
-from hitmdp_jax.cli.policies import Chosen, add_choice, load_chosen
+from hitmdp_jax.cli.policies import add_choice, load_chosen
 from hitmdp_jax.cli.settings import Parser, writable
-from hitmdp_jax.envs import engine_for, make_env
 from hitmdp_jax.export.program import FORMATS, check_format, export
-from hitmdp_jax.interpret.evaluation import check_fit
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import EXPORT, made, replaced, subfolder
 from hitmdp_jax.runs.host import set_up_host
@@ -42,7 +38,6 @@ def _main() -> None:
     config = RunConfig.load(options.run_dir, options.trust)
     set_up_host(config.physics, 1)
     choice = load_chosen(options)
-    env = task_of(choice) if config.tasks else None
     kind = "stochastic_policy" if options.stochastic else "policy"
     name = f"{kind}_{choice.name}.{options.format}"
     path = options.out or subfolder(options.run_dir, EXPORT) / name
@@ -50,7 +45,7 @@ def _main() -> None:
     for file in (path, beside):
         writable("--out", file)
     made(path.parent)
-    program, contract = export(choice.policy, env, options.format, options.stochastic)
+    program, contract = export(choice.policy, options.format, options.stochastic)
     origin = {
         "task": choice.task if config.tasks else None,
         "algorithm": config.algo["name"],
@@ -61,14 +56,3 @@ def _main() -> None:
         file.write(program)
         contract_file.write(f"{json.dumps(origin | contract, indent=2)}\n".encode())
     print(f"Saved {path}, and {beside.name} beside it.")
-
-
-def task_of(choice: Chosen) -> Env:
-    """Make the task that a policy learned on, by the engine that is the first to be ready.
-
-    Raises:
-      UsageError: the policy does not fit it.
-    """
-    env = make_env(**choice.task, physics=engine_for(choice.task["name"], "native"))
-    check_fit(choice.policy, env)
-    return env

@@ -1,10 +1,14 @@
 """Holding each action for several control steps: temporal abstraction without options."""
 
+import dataclasses
+import functools
+
 import jax
 import jax.numpy as jnp
 from brax.envs.base import Env, State, Wrapper
 
-EPISODE_LENGTH = 1000  # control steps: the time limit of tasks that state none
+from hitmdp_jax.envs.spec import Spec, spec_of
+
 CLOCK = "control_steps"  # in `State.info`, of the episode so far
 
 
@@ -28,7 +32,7 @@ class ActionRepeat(Wrapper):
     def __init__(self, env: Env, action_repeat: int):
         super().__init__(env)
         self.action_repeat = action_repeat
-        self.episode_length = getattr(env, "episode_length", EPISODE_LENGTH)
+        self.episode_length = self.spec.episode_length
         self._listed = getattr(env, "reward_terms", ())
 
     def reset(self, rng: jax.Array) -> State:
@@ -71,10 +75,17 @@ class ActionRepeat(Wrapper):
         (held, clock), _ = jax.lax.scan(control_step, (held, clock), length=self.action_repeat)
         return _with_clock(held, clock)
 
+    @functools.cached_property
+    def spec(self) -> Spec:
+        """The task's, but for the seconds for which an action is held."""
+        spec = spec_of(self.env)
+        dt = None if spec.dt is None else self.action_repeat * spec.dt
+        return dataclasses.replace(spec, dt=dt)
+
     @property
-    def dt(self) -> float:
+    def dt(self) -> float | None:
         """Seconds for which an action is held."""
-        return self.action_repeat * self.env.dt  # pyright: ignore[reportAttributeAccessIssue]
+        return self.spec.dt
 
 
 def action_repeat_of(env: Env) -> int:

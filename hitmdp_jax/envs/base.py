@@ -9,12 +9,17 @@ from typing import Any, TypeGuard
 import jax
 import jax.numpy as jnp
 import mujoco
+import numpy as np
 from brax.envs.base import Env, State
 
+from hitmdp_jax.envs.names import actuator_names, observation_names
+from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState, SolverBudget, find_engine
 from hitmdp_jax.precision import in_32_bits
 
 __all__ = ["MujocoEnv", "SolverBudget", "has_model"]
+
+UNLIMITED = [[-np.inf], [np.inf]]  # of an actuator's control
 
 
 class MujocoEnv(Env):
@@ -60,11 +65,8 @@ class MujocoEnv(Env):
         engine.prepare(model, mjx_budget)
         self.physics = engine.build(model, frame_skip, fields, current_fields)
         self.model = model
-        self._action_low, self._action_high = (
-            jnp.asarray(model.actuator_ctrlrange.T, jnp.float32)
-            if model.actuator_ctrllimited.all()
-            else jnp.array([[-jnp.inf], [jnp.inf]], jnp.float32)
-        )
+        low, high = np.where(model.actuator_ctrllimited, model.actuator_ctrlrange.T, UNLIMITED)
+        self._action = Box(tuple(low.tolist()), tuple(high.tolist()), actuator_names(model))
 
     @abc.abstractmethod
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -109,7 +111,7 @@ class MujocoEnv(Env):
         """
         before = state.pipeline_state
         assert isinstance(before, PhysicsState)
-        action = jnp.clip(jnp.asarray(action, jnp.float32), self._action_low, self._action_high)
+        action = self._action.clip(action)
         valid = ~jnp.isnan(action).any()
         action = jnp.where(valid, action, 0.0)
         after = self.physics.step(before, action)
@@ -137,9 +139,23 @@ class MujocoEnv(Env):
         return self.model.opt.timestep * self.physics.frame_skip
 
     @functools.cached_property  # tracing MJX takes seconds
+    def spec(self) -> Spec:
+        """The task's observations, by what the model calls its coordinates, and its actions."""
+        state: Any = jax.eval_shape(self.reset, jax.random.key(0))
+        shape = state.obs.shape
+
+        def observe(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
+            zeros = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), state.pipeline_state)
+            return self.observation(zeros.replace(qpos=qpos, qvel=qvel))
+
+        names = observation_names(self.model, observe) if len(shape) == 1 else ()
+        observed = Observation(shape, state.obs.dtype.name, names)
+        return Spec(observed, self._action, self.episode_length, self.dt)
+
+    @property
     def observation_size(self) -> int:
         """Number of entries in an observation."""
-        return jax.eval_shape(self.reset, jax.random.key(0)).obs.shape[-1]
+        return self.spec.observation.size
 
     @property
     def action_size(self) -> int:

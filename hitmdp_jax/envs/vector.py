@@ -5,7 +5,8 @@ import jax.numpy as jnp
 from brax.envs.base import Env, State
 from flax import struct
 
-from hitmdp_jax.envs.action_repeat import EPISODE_LENGTH, steps_taken
+from hitmdp_jax.envs.action_repeat import steps_taken
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.mesh import each_device, on_every_device
 from hitmdp_jax.precision import as_before, in_32_bits
 
@@ -66,7 +67,8 @@ class VectorEnv:
         self.env = env
         self.num_envs = num_envs
         self.pool_size = pool_size
-        self.episode_length = episode_length or getattr(env, "episode_length", EPISODE_LENGTH)
+        self.spec = spec_of(env)
+        self.episode_length = episode_length or self.spec.episode_length
         self.stagger = stagger
 
     def reset(self, key: jax.Array) -> VectorState:
@@ -83,6 +85,10 @@ class VectorEnv:
             pool=self._fresh(key_pool),
             next_fresh=jnp.zeros((), jnp.int32),
         )
+
+    def observation(self, state: VectorState) -> jax.Array:
+        """Return what the environments show now, [B, O]."""
+        return self.spec.observation.flat(state.env.obs)
 
     def refill(self, state: VectorState, key: jax.Array) -> VectorState:
         """Draw a new pool of initial states."""
@@ -104,7 +110,7 @@ class VectorEnv:
             reward=reward,
             terminated=terminated,
             truncated=truncated,
-            next_obs=env.obs,  # pyright: ignore[reportArgumentType]
+            next_obs=self.spec.observation.flat(env.obs),
             episode_return=episode_return,
             episode_length=length,
             started=state.episode_length == 0,

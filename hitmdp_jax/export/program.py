@@ -9,13 +9,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.export
 import jax.numpy as jnp
-import numpy as np
-from brax.envs.base import Env
 
-from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.errors import UsageError, missing_extra, unknown_name
 from hitmdp_jax.export.draws import without_key
-from hitmdp_jax.interpret.names import names_of
 from hitmdp_jax.runs.policy import Policy
 
 FORMATS = ("onnx", "stablehlo")
@@ -45,14 +41,11 @@ def check_format(name: str) -> None:
         raise missing_extra("onnx", "format onnx")
 
 
-def export(
-    policy: Policy, env: Env | None, name: str, stochastic: bool = False
-) -> tuple[bytes, dict[str, Any]]:
+def export(policy: Policy, name: str, stochastic: bool = False) -> tuple[bytes, dict[str, Any]]:
     """Export a policy: the deterministic one, which takes the likeliest option and action, or not.
 
     Args:
       policy: what is exported.
-      env: its task; None if that is not known.
       name: "onnx", or "stablehlo": what `jax.export.deserialize` reads.
       stochastic: draw options and actions, by noise that the caller hands over.
 
@@ -64,17 +57,17 @@ def export(
     """
     check_format(name)
     with jax.enable_x64(False):  # under x64, jax2onnx would mix numbers of 32 and of 64 bits
-        program = program_of(policy, action_range(env), stochastic)
+        program = program_of(policy, stochastic)
         content, versions = {"onnx": to_onnx, "stablehlo": to_stablehlo}[name](program)
         return content, {
             "schema": SCHEMA,
             "format": name,
-            **contract(program, policy, env),
+            **contract(program, policy),
             "versions": {"hitmdp_jax": importlib.metadata.version("hitmdp-jax")} | versions,
         }
 
 
-def program_of(policy: Policy, limits: np.ndarray | None, stochastic: bool = False) -> Program:
+def program_of(policy: Policy, stochastic: bool = False) -> Program:
     """Return the program of a policy.
 
     It maps observations, as the task gives them, and what the policy remembers to actions, to what
@@ -83,7 +76,6 @@ def program_of(policy: Policy, limits: np.ndarray | None, stochastic: bool = Fal
 
     Args:
       policy: what is exported.
-      limits: the range [2, A] that actions are clipped to; None leaves them as they are.
       stochastic: draw options and actions instead of taking the likeliest.
 
     Raises:
@@ -91,7 +83,7 @@ def program_of(policy: Policy, limits: np.ndarray | None, stochastic: bool = Fal
     """
     key = jax.random.key(0)
     leaves, structure = jax.tree.flatten_with_path(policy.initial_memory(key))
-    obs = jax.ShapeDtypeStruct(policy.normalizer.mean.shape, jnp.float32)
+    obs = jax.ShapeDtypeStruct(policy.spec.observation.shape, jnp.float32)
     (batch,) = jax.export.symbolic_shape(BATCH)  # of any length
     inputs = {
         name: jax.ShapeDtypeStruct((batch, *x.shape), x.dtype)
@@ -102,8 +94,7 @@ def program_of(policy: Policy, limits: np.ndarray | None, stochastic: bool = Fal
         memory = jax.tree.unflatten(structure, remembered)
         agent, seen = policy.agent, policy.normalized(obs)
         action, memory, noted = agent.act(policy.params, seen, memory, key, not stochastic)
-        if limits is not None:
-            action = jnp.clip(action, *limits)
+        action = policy.spec.action.clip(action)
         option = agent.option_of(noted)
         names = (f"next_{name}" for name in list(inputs)[1:])
         following = dict(zip(names, jax.tree.leaves(memory), strict=True))
@@ -167,39 +158,31 @@ def to_onnx(program: Program) -> tuple[bytes, dict[str, str]]:
     }
 
 
-def contract(program: Program, policy: Policy, env: Env | None) -> dict[str, Any]:
+def contract(program: Program, policy: Policy) -> dict[str, Any]:
     """Return what a caller of a program must know.
 
     Of what the policy remembers it says what an episode starts with: `initial` is that value, or
     one example where an episode draws it at random. Of noise it says the distribution.
     """
-    limits = action_range(env)
+    limits, spec = policy.spec.action.limits, policy.spec
     draws = jax.vmap(policy.initial_memory)(jax.random.split(jax.random.key(0), 64))
     initial = {
         _name(path): {"initial": x[0].tolist(), "drawn": bool((x != x[0]).any())}
         for path, x in jax.tree.leaves_with_path(draws)
     }
-    names = None if env is None else names_of(env)
     noise = {name: {"distribution": kind} for name, kind in program.noise.items()}
     known = initial | noise
     return {
         "inputs": [_described(n, x) | known.get(n, {}) for n, x in program.inputs.items()],
         "outputs": [_described(n, x) for n, x in program.outputs.items()],
         "deterministic": not noise,
-        "observation_names": None if names is None else list(names.observations),
-        "action_names": None if names is None else list(names.actuators),
+        "observation_names": list(spec.observation.names),
+        "action_names": list(spec.action.names),
         "action_range": None if limits is None else limits.tolist(),
         "actions_clipped": limits is not None,
-        "control_step_seconds": getattr(env, "dt", None),
+        "control_step_seconds": spec.dt,
         "option_count": getattr(policy.agent, "num_options", None),
     }
-
-
-def action_range(env: Env | None) -> np.ndarray | None:
-    """Return the range [2, A] of a task's actions; None if it has none, or none is known."""
-    if not has_model(env) or not env.model.actuator_ctrllimited.all():
-        return None
-    return env.model.actuator_ctrlrange.T.astype(np.float32)
 
 
 def _described(name: str, x: jax.ShapeDtypeStruct) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def draw_changes(
     """
     _, found = embedded(analysis)
     images = [
-        _changes(axes, found, option, dimension, analysis.names.actuators)
+        _changes(axes, found, option, dimension, analysis.spec.action.names)
         for axes, (option, dimension) in zip(panels, shifted, strict=True)
     ]
     figure.supxlabel(fill(found.summary, 110 if len(panels) > 1 else 60), fontsize="small")

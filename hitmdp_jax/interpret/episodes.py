@@ -10,7 +10,8 @@ from brax.envs.base import Env, State
 from flax import struct
 
 from hitmdp_jax.envs import check_env
-from hitmdp_jax.envs.action_repeat import EPISODE_LENGTH, action_repeat_of, steps_taken
+from hitmdp_jax.envs.action_repeat import action_repeat_of, steps_taken
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.physics import PhysicsState
 from hitmdp_jax.precision import as_before, in_32_bits
@@ -109,7 +110,7 @@ def run_episodes(
         in_32_bits(policy.initial_memory(key_memory, (num_episodes,))),
         jnp.ones(num_episodes, bool),
     )
-    limit = getattr(env, "episode_length", EPISODE_LENGTH)
+    limit = spec_of(env).episode_length
     keys = jax.random.split(key_steps, -(-limit // action_repeat_of(env)))
     (_, _, alive), steps = jax.lax.scan(step, start, keys)
     success = jax.tree.map(lambda x: x.max(axis=0), steps.pop("success"))

@@ -13,6 +13,7 @@ from brax.envs.base import Env
 
 from hitmdp_jax.checks import check_memory
 from hitmdp_jax.envs import make_env
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.interpret.episodes import run_episodes, run_in_gymnasium
 from hitmdp_jax.physics import ENGINES as PHYSICS
@@ -144,15 +145,15 @@ def check_fit(policy: Policy, env: Env) -> None:
     """Hold a policy against a task.
 
     Raises:
-      UsageError: their observations or actions differ in size.
+      UsageError: their observations or actions differ in kind or size.
     """
-
-    def act(key: jax.Array) -> jax.Array:
-        return policy.act(jnp.zeros(env.observation_size), policy.initial_memory(key), key)[0]
-
-    size = jax.eval_shape(act, jax.random.key(0)).size
-    if size != env.action_size:
-        raise UsageError(f"The policy's actions have {size} parts; the task's {env.action_size}.")
+    own, task = policy.spec, spec_of(env)
+    for does, mine, its in (
+        ("observes", own.observation, task.observation),
+        ("acts by", own.action, task.action),
+    ):
+        if str(mine) != str(its):
+            raise UsageError(f"The policy {does} {mine}; the task has {its}.")
 
 
 # Compiled apart from `run_episodes`: the compiler then leaves out what is recorded step by step.

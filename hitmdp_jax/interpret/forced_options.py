@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from hitmdp_jax.agents.base import Agent, LearnerState
+from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
@@ -23,9 +24,9 @@ class ForcedOptions(Agent):
     agent: Agent = struct.field(pytree_node=True)
     schedule: jax.Array = struct.field(pytree_node=True)  # [T, ...] int; starts over after T steps
 
-    def init(self, key: jax.Array, observation_size: int, action_size: int) -> LearnerState:
+    def init(self, key: jax.Array, spec: Spec) -> LearnerState:
         """Return the parameters that the agent itself starts with."""
-        return self.agent.init(key, observation_size, action_size)
+        return self.agent.init(key, spec)
 
     def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> jax.Array:
         """Return the memory of an episode's start: no step taken."""
@@ -81,7 +82,8 @@ def force_options(policy: Policy, schedule: jax.Array) -> Policy:
       UsageError: the agent has no options.
     """
     number_of_options(policy.agent)
-    return Policy(ForcedOptions(policy.agent, schedule), policy.params, policy.normalizer)
+    agent = ForcedOptions(policy.agent, schedule, spec=policy.agent.spec)
+    return Policy(agent, policy.params, policy.normalizer)
 
 
 def number_of_options(agent: Agent) -> int:

@@ -7,7 +7,6 @@ P(a | s, o), and options that the master policy did not choose.
 import functools
 from typing import NamedTuple
 
-import distrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -60,9 +59,8 @@ class Effects(NamedTuple):
 def divergence(policy: Policy, obs: jax.Array) -> jax.Array:
     """Return how far the options' actions are apart, [K, K] in nats, the mean over states.
 
-    Half the sum of the two Kullback-Leibler divergences of P(a | s, i) and P(a | s, j), which are
-    diagonal Gaussians. Two options are told apart by the actions of n steps once n times their
-    divergence is a few nats.
+    Half the sum of the two Kullback-Leibler divergences of P(a | s, i) and P(a | s, j). Two options
+    are told apart by the actions of n steps once n times their divergence is a few nats.
 
     Args:
       policy: of an agent with options.
@@ -72,12 +70,10 @@ def divergence(policy: Policy, obs: jax.Array) -> jax.Array:
       UsageError: the agent has no options.
     """
     every = jnp.arange(number_of_options(policy.agent))
-    each = policy.agent.policy(policy.params, policy.normalized(obs)[:, None], every)
-    mean = each.mean()  # [S, K, A]
-    std = jnp.broadcast_to(each.stddev(), mean.shape)
+    states = policy.normalized(obs)[:, None, None]
     first, second = (
-        distrax.MultivariateNormalDiag(*(jnp.expand_dims(x, axis) for x in (mean, std)))
-        for axis in (2, 1)
+        policy.agent.policy(policy.params, states, options)  # over [S, K, 1] and [S, 1, K]
+        for options in (every[:, None], every)
     )
     directed_divergence = first.kl_divergence(second).mean(axis=0)
     return 0.5 * (directed_divergence + directed_divergence.T)

@@ -8,13 +8,13 @@ import numpy as np
 from brax.envs.base import Env
 
 from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.spec import Spec, spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret import option_use
 from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
 from hitmdp_jax.interpret.evaluation import check_episodes, check_fit
 from hitmdp_jax.interpret.forced_options import number_of_options
 from hitmdp_jax.interpret.interventions import Interventions, divergence, intervene
-from hitmdp_jax.interpret.names import Names, names_of
 from hitmdp_jax.interpret.perturbation import Perturbation, embeddings, perturb
 from hitmdp_jax.interpret.projection import Projection, project
 from hitmdp_jax.interpret.visited_states import States, attention, terminations, visited
@@ -67,9 +67,9 @@ class OptionAnalysis:
         return UsageError(f"{type(self.policy.agent).__name__} has no {what} to draw.")
 
     @functools.cached_property
-    def names(self) -> Names:
-        """The names of observations and actuators."""
-        return names_of(self.env)
+    def spec(self) -> Spec:
+        """What the task says of itself, the names of observations and actions among it."""
+        return spec_of(self.env)
 
     @functools.cached_property
     def trajectories(self) -> Trajectories:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from hitmdp_jax.agents.hit_policy import HitPolicy
 from hitmdp_jax.interpret.interventions import IDENTICAL
+from hitmdp_jax.networks.action_heads import noise_of, vector_of
 from hitmdp_jax.runs.policy import Policy
 
 # Of the entries of W when training begins; colours of W reach as far at least.
@@ -91,7 +92,7 @@ def _perturbed(policy: Policy, obs: jax.Array, shifts: jax.Array) -> tuple[jax.A
 
     def decode(rows: jax.Array) -> jax.Array:
         """Return the mean actions [K, A] under embeddings [K, E]."""
-        return policies(rows).mean().mean(axis=0)
+        return vector_of(policies(rows)).mean(axis=0)
 
     def along(dimension: jax.Array) -> jax.Array:
         moved = params["embeddings"] + shifts[:, None, None] * dimension  # [D, K, E]
@@ -101,7 +102,7 @@ def _perturbed(policy: Policy, obs: jax.Array, shifts: jax.Array) -> tuple[jax.A
     actions = jax.lax.map(along, jnp.eye(width))  # [E, K, D, A]
     # An option's actions depend on its own row alone.
     slopes = jnp.einsum("kake->kea", jax.jacrev(decode)(params["embeddings"]))
-    noise = policies(params["embeddings"]).stddev()
+    noise = noise_of(policies(params["embeddings"]))
     return actions.swapaxes(0, 1), slopes, noise.reshape(-1, noise.shape[-1]).mean(axis=0)
 
 

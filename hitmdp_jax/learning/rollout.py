@@ -47,12 +47,6 @@ class Batch(struct.PyTreeNode):
     started: jax.Array  # [T, B] bool, the first step of an episode
 
 
-def observation_of(state: VectorState) -> jax.Array:
-    """Return the observations [B, O] that the environments show now."""
-    assert isinstance(state.env.obs, jax.Array), "dictionary observations are not supported"
-    return state.env.obs
-
-
 def collect(
     agent: Actor,
     params: Any,
@@ -83,7 +77,7 @@ def collect(
 
     def step(carry: RolloutState, key: jax.Array):
         key_act, key_memory = jax.random.split(key)
-        obs, memory = observation_of(carry.env), carry.memory
+        obs, memory = env.observation(carry.env), carry.memory
         acted = agent.act(params, normalize(obs, normalizer), memory, key_act)
         action, new_memory, record = in_32_bits(acted)
         env_state, outcome = env.step(carry.env, action)

@@ -1,46 +1,45 @@
 """Decoders: from a state and an option to an action distribution or a value."""
 
-import distrax
+from typing import Any
+
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
+from hitmdp_jax.envs.spec import Action
+from hitmdp_jax.networks.action_heads import action_head
 from hitmdp_jax.networks.mlp import MLP, orthogonal
 
 
 class ActionDecoder(nn.Module):
-    """The action policy P(a_t | s_t, o_t) = Normal(Dense(FFN([s, W[o]])), exp(log_std)) (Eq. 50).
+    """The action policy P(a_t | s_t, o_t) = head(FFN([s, W[o]])) (Eq. 50).
 
     States and options broadcast as in `MLP`, so one call gives the policy of every option. Called
-    with the observation alone it is an ordinary Gaussian policy.
+    with the observation alone it is an ordinary policy.
 
     Attributes:
-      action_size: A.
+      actions: the task's actions.
       sizes: widths of the FFN.
       activation: "relu" or "tanh".
-      initial_log_std: every entry of log_std at the start; log_std depends on no input.
-      head_gain: gain of the mean's layer.
+      initial_log_std: as `action_heads.Gaussian`.
+      head_gain: gain of the head's layer.
     """
 
-    action_size: int
+    actions: Action
     sizes: tuple[int, ...] = (64, 64)
     activation: str = "relu"
     initial_log_std: jax.Array | float = -0.5
     head_gain: float = 0.01
 
-    @nn.compact
-    def __call__(self, obs: jax.Array, *option: jax.Array) -> distrax.MultivariateNormalDiag:
-        """Map `MLP`'s arguments to an unbounded distribution over actions [..., A]."""
-        features = MLP(self.sizes, self.activation, name="body")(obs, *option)
-        mean = nn.Dense(self.action_size, kernel_init=orthogonal(self.head_gain), name="mean")
-        log_std = self.param(
-            "log_std",
-            nn.initializers.constant(self.initial_log_std),
-            (self.action_size,),
-            jnp.float32,
-        )
-        loc = mean(features)
-        return distrax.MultivariateNormalDiag(loc, jnp.broadcast_to(jnp.exp(log_std), loc.shape))
+    def setup(self):
+        """Declare the parts; the head's parameters lie beside the body's."""
+        self.body = MLP(self.sizes, self.activation)
+        self.head = action_head(self.actions, self.initial_log_std, self.head_gain)
+        nn.share_scope(self, self.head)
+
+    def __call__(self, obs: jax.Array, *option: jax.Array) -> Any:
+        """Map `MLP`'s arguments to a distribution over actions."""
+        return self.head(self.body(obs, *option))
 
 
 class Critic(nn.Module):

@@ -2,12 +2,13 @@
 
 from typing import Any
 
-import distrax
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
 from flax import struct
 
+from hitmdp_jax.envs.spec import Action, Box
+from hitmdp_jax.networks.action_heads import distribution
 from hitmdp_jax.networks.mlp import MLP, orthogonal
 
 HEAD_GAIN = 1e-3  # small, so that options start alike, beta near 1/2 and the master near uniform
@@ -16,22 +17,21 @@ HEAD_GAIN = 1e-3  # small, so that options start alike, beta near 1/2 and the ma
 class OptionHeads(struct.PyTreeNode):
     """What the network says of states [..., O]."""
 
-    mean: jax.Array  # [..., K, A] of each option's action policy, within +-1
-    std: jax.Array  # [K, A] of each option's action policy, the same in every state
+    action: jax.Array  # [..., K, A] each option's mean action, within +-1; or of n choices, logits
+    std: jax.Array | None  # [K, A] of its actions, the same in every state; None of choices
     termination: jax.Array  # [..., K] logits of beta_o(s), option o's probability to end in s
     log_master: jax.Array  # [..., K] log pi(o | s), the SMDP master policy over options
     value: jax.Array  # [..., V] the critic's outputs
 
     def policy(self, option: jax.Array) -> Any:
-        """Return pi_o(a | s), a distribution over [..., A], of the options [...]."""
-        one_hot = jax.nn.one_hot(option, self.std.shape[0], dtype=self.std.dtype)
-        mean = (one_hot[..., None] * self.mean).sum(-2)  # fuses, unlike a gather and its gradient
-        return distrax.MultivariateNormalDiag(mean, one_hot @ self.std)
+        """Return pi_o(a | s), a distribution, of the options [...]."""
+        one_hot = jax.nn.one_hot(option, self.action.shape[-2], dtype=self.action.dtype)
+        chosen = (one_hot[..., None] * self.action).sum(-2)  # fuses, unlike a gather's gradient
+        return distribution(chosen, None if self.std is None else one_hot @ self.std)
 
     def every_policy(self) -> Any:
-        """Return pi_o(a | s) of each option, a distribution over [..., K, A]."""
-        std = jnp.broadcast_to(self.std, self.mean.shape)
-        return distrax.MultivariateNormalDiag(self.mean, std)
+        """Return pi_o(a | s) of each option, a distribution over [..., K]."""
+        return distribution(self.action, self.std)
 
 
 class Head(nn.Module):
@@ -53,17 +53,18 @@ class OptionNetwork(nn.Module):
 
     Nothing is shared: each option has a policy body and a termination body, the master and the
     critic have one each. The bodies of the K options are one vmapped body, so an evaluation is a
-    few batched products, not K small networks. An action policy is Normal(tanh(.), softplus(rho)).
+    few batched products, not K small networks. An action policy is Normal(tanh(.), softplus(rho)),
+    or softmax(.) over choices.
 
     Attributes:
-      action_size: A.
+      actions: the task's actions.
       num_options: K.
       num_values: V, outputs of the critic: K for Q[s, o], K + 1 for AHP's V[s, o_{t-1}].
       hidden_sizes: widths of each body.
       activation: "relu" or "tanh".
     """
 
-    action_size: int
+    actions: Action
     num_options: int
     num_values: int
     hidden_sizes: tuple[int, ...]
@@ -81,12 +82,12 @@ class OptionNetwork(nn.Module):
             out_axes=-2,
             axis_size=self.num_options,
         )
-        mean = jnp.tanh(each(self.action_size, *body, name="policies")(obs))
-        shape = self.num_options, self.action_size
-        rho = self.param("rho", nn.initializers.zeros, shape, jnp.float32)
+        action, std = each(self.actions.size, *body, name="policies")(obs), None
+        if isinstance(self.actions, Box):
+            shape = self.num_options, self.actions.size
+            rho = self.param("rho", nn.initializers.zeros, shape, jnp.float32)
+            action, std = jnp.tanh(action), jax.nn.softplus(rho)
         termination = each(1, *body, name="terminations")(obs).squeeze(-1)
         master = Head(self.num_options, *body, name="master")(obs)
         value = Head(self.num_values, *body, name="critic")(obs)
-        return OptionHeads(
-            mean, jax.nn.softplus(rho), termination, jax.nn.log_softmax(master), value
-        )
+        return OptionHeads(action, std, termination, jax.nn.log_softmax(master), value)

@@ -114,7 +114,7 @@ def explorer(analysis: OptionAnalysis) -> Markup:
       UsageError: the agent's options are no embeddings.
     """
     _, found = embedded(analysis)
-    colors = shades(len(analysis.names.actuators))
+    colors = shades(len(analysis.spec.action.names))
     limit = limit_of_changes(found)
     digits = 4 - math.floor(math.log10(limit))  # that a figure can show
     data: dict[str, Any] = {
@@ -122,7 +122,7 @@ def explorer(analysis: OptionAnalysis) -> Markup:
         "moved": found.moved.astype(float).round(digits).tolist(),
         "limit": limit,
         "order": strongest(np.abs(found.slopes).max(axis=0)).tolist(),
-        "actuators": as_text(analysis.names.actuators),
+        "actuators": as_text(analysis.spec.action.names),
         "lines": [Style(color, i % 3).plotly for i, color in enumerate(colors)],
         "first": int(analysis.by_usage[0]),
     }

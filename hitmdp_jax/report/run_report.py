@@ -201,7 +201,7 @@ def dimensions(analysis: OptionAnalysis) -> Parts:
     assert found is not None
     yield text(found.summary)
     for k in analysis.by_usage[: 0 if found.negligible else 2]:
-        yield text(f"Option {k}: {'; '.join(sentences(found, k, analysis.names.actuators))}.")
+        yield text(f"Option {k}: {'; '.join(sentences(found, k, analysis.spec.action.names))}.")
 
 
 BESIDE: dict[registry.Section, Callable[[OptionAnalysis], Parts]] = {

@@ -17,6 +17,7 @@ import orbax.checkpoint as ocp
 from brax.training.acme.running_statistics import NestedMeanStd
 from orbax.checkpoint import checkpoint_managers as managers
 
+from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.reading import check_tree
 from hitmdp_jax.runs import processes
@@ -109,7 +110,7 @@ class Checkpoints:
         if iteration in self._manager.all_steps():
             return
         trees = {STATE: with_raw_keys(state), POLICY: policy}
-        items = _items(trees, progress.task, iteration, recent_return)
+        items = _items(trees, state.spec, progress.task, iteration, recent_return)
         self._last_save, self._wanted = time.monotonic(), iteration
 
         def write() -> None:
@@ -122,15 +123,16 @@ class Checkpoints:
 
         self._attempt(write)
 
-    def save_policy(self, iteration: int, task: int, policy: dict[str, Any]) -> None:
+    def save_policy(self, iteration: int, task: int, policy: dict[str, Any], spec: Spec) -> None:
         """Save what acting needs, without the state that a training would go on from.
 
         Args:
           iteration: after which the policy acted so.
           task: the place of the task that it had learned then.
           policy: as `restore_policy` gives it.
+          spec: what that task says of itself.
         """
-        items = _items({POLICY: policy}, task, iteration, math.nan)
+        items = _items({POLICY: policy}, spec, task, iteration, math.nan)
         self._attempt(lambda: self._manager.save(iteration, args=items))
 
     def restore(self, like: Callable[[int], TrainState]) -> Progress:
@@ -174,8 +176,10 @@ class Checkpoints:
 
     def restore_policy(
         self, which: int | str = "newest", task: int | None = None
-    ) -> tuple[int, dict[str, Any]]:
-        """Return a checkpoint's iteration and `policy_of(state)`: parameters, normaliser [S, ...].
+    ) -> tuple[int, dict[str, Any], Spec | None]:
+        """Return a checkpoint's iteration, `policy_of(state)` and the task's specification.
+
+        Parameters and normaliser are [S, ...]. The specification is None in older checkpoints.
 
         Args:
           which: "newest", "best" by its recent return, or the iteration of one.
@@ -186,9 +190,10 @@ class Checkpoints:
           UsageError: there is no such checkpoint, or it cannot be read.
         """
 
-        def read(iteration: int) -> tuple[int, dict[str, Any]]:
-            self._words(iteration)
-            return iteration, self._read(iteration, POLICY, self._claimed(iteration, POLICY))
+        def read(iteration: int) -> tuple[int, dict[str, Any], Spec | None]:
+            known = self._words(iteration).get("spec")
+            spec = None if known is None else Spec.from_dict(known)
+            return iteration, self._read(iteration, POLICY, self._claimed(iteration, POLICY)), spec
 
         steps = self._written()
         if task is not None:
@@ -395,11 +400,12 @@ class _BestOfEachTask(managers.PreservationPolicy):
 
 
 def _items(
-    trees: dict[str, Any], task: int, iteration: int, recent_return: float
+    trees: dict[str, Any], spec: Spec, task: int, iteration: int, recent_return: float
 ) -> ocp.args.Composite:
     """Return what a checkpoint is to hold, as Orbax takes it."""
     words = {
         "schema": SCHEMA,
+        "spec": spec.to_dict(),
         "task": task,
         "iteration": iteration,
         "recent_return": None if math.isnan(recent_return) else recent_return,

@@ -14,9 +14,11 @@ from brax.envs.base import Env
 
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import Agent, find_agent
+from hitmdp_jax.agents.base import hyperparameters_of
 from hitmdp_jax.checks import check_memory, divisor_below
 from hitmdp_jax.envs import check_engine, check_env, check_installed
 from hitmdp_jax.envs.keywords import defaults_of
+from hitmdp_jax.envs.spec import Box, Observation, Spec, spec_of
 from hitmdp_jax.physics import find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.reading import read_yaml
@@ -32,6 +34,7 @@ BEFORE = {
 }
 REPORT_STEPS = 2048
 REWARD = 4  # bytes of one, the least that a task's state holds
+SMALLEST = Spec(Observation((1,)), Box.unlimited(1))  # the least that a task may be
 MOST = 10**12  # more than any whole number that is asked for here
 WHOLE = {  # name -> the least value
     "seeds": 1,
@@ -154,20 +157,19 @@ class RunConfig:
         trainings, agent = self.seeds * settings, self.make_agent()
         steps = self.num_envs * self.rollout_length
         states = self.num_envs + usual_pool_size(self.num_envs, self.rollout_length)
-        learner, state, known = 0, REWARD, (1, 1)
+        learner, state, spec = 0, REWARD, SMALLEST
         if env is not None:
-            assert isinstance(env.observation_size, int)
-            known = env.observation_size, env.action_size
+            spec = spec_of(env)
             state = _bytes_of(jax.eval_shape(env.reset, jax.random.key(0)))
         # An algorithm of one's own may not learn of any sizes.
         if env is not None or not plugins.is_own(self.algo["name"]):
-            arrays = jax.eval_shape(lambda: agent.init(jax.random.key(0), *known))
+            arrays = jax.eval_shape(lambda: agent.init(jax.random.key(0), spec))
             learner = _bytes_of(arrays)
         check_memory(
             {
                 "seeds and the sizes of algo's networks": trainings * learner,
                 "seeds, num_envs and rollout_length": trainings * states * state
-                + at_once * steps * REWARD * (sum(known) + 1),
+                + at_once * steps * REWARD * (spec.observation.size + math.prod(spec.action.shape) + 1),
                 "eval_episodes": 24 * self.eval_episodes if self.eval_every else 0,
             },
             available,
@@ -192,12 +194,12 @@ class RunConfig:
         hyperparameters = self.algo | {k.removeprefix(PREFIX): x for k, x in (swept or {}).items()}
         name = str(hyperparameters.pop("name"))
         agent = find_agent(name)
-        fields = {field.name: field for field in dataclasses.fields(agent)}
+        fields = {field.name: field for field in hyperparameters_of(agent)}
         for key, value in hyperparameters.items():
             if key not in fields:
                 raise unknown_name(f"hyperparameter of {plugins.label(name)}", str(key), fields)
             hyperparameters[key] = _like(f"algo.{key}", value, fields[key].default)
-        return agent(**hyperparameters)
+        return agent(**hyperparameters)  # pyright: ignore[reportArgumentType]
 
     @functools.cached_property
     def settings(self) -> list[dict[str, float]]:

@@ -15,7 +15,9 @@ from jax.typing import ArrayLike
 
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import AGENTS, Agent
-from hitmdp_jax.agents.base import check_hyperparameters
+from hitmdp_jax.agents.base import check_hyperparameters, hyperparameters_of
+from hitmdp_jax.envs import make_env
+from hitmdp_jax.envs.spec import Spec, spec_of
 from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.learning.normalization import normalize
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress, normalizer_of, policy_of
@@ -34,9 +36,15 @@ class Policy(struct.PyTreeNode):
     >>> action, memory = policy.act(obs, memory, key)  # doctest: +SKIP
     """
 
-    agent: Agent
+    agent: Agent  # bound to the task that it learned
     params: Any
     normalizer: Any
+
+    @property
+    def spec(self) -> Spec:
+        """What the policy observes and how it acts."""
+        self.agent.actions  # noqa: B018, which says what to do where the agent knows no task
+        return self.agent.spec  # pyright: ignore[reportReturnType]
 
     def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> Any:
         """Return the memory of an episode's start."""
@@ -45,7 +53,7 @@ class Policy(struct.PyTreeNode):
     def act(
         self, obs: jax.Array, memory: Any, key: jax.Array, deterministic: bool = False
     ) -> tuple[jax.Array, Any]:
-        """Return actions [..., A] for raw observations [..., O], and the new memory.
+        """Return actions for raw observations, as the task gives them, and the new memory.
 
         Raises:
           UsageError: the observation has another size than those the policy learned from.
@@ -59,11 +67,11 @@ class Policy(struct.PyTreeNode):
         return jax.tree.map(lambda x: x[places] if np.ndim(x) else x, self)
 
     def normalized(self, obs: ArrayLike) -> jax.Array:
-        """Return raw observations [..., O] as the agent sees them; Raises as `act`."""
-        size = self.normalizer.mean.shape[-1]
-        if np.shape(obs)[-1:] != (size,):
-            raise UsageError(f"obs has shape {np.shape(obs)}; its last axis must be {size} long.")
-        return normalize(obs, self.normalizer)
+        """Return raw observations as the agent sees them, rows [..., O]; Raises as `act`."""
+        seen = self.spec.observation
+        if np.shape(obs)[-len(seen.shape) :] != seen.shape:
+            raise UsageError(f"obs has shape {np.shape(obs)}; its last axes must be {seen.shape}.")
+        return normalize(seen.flat(obs), self.normalizer)
 
 
 def load(
@@ -127,10 +135,12 @@ def load_all(
     config = RunConfig.load(run_dir)
     checkpoints = Checkpoints(run_dir, read_only=True)
     try:
-        iteration, saved = checkpoints.restore_policy(checkpoint, task)
+        iteration, saved, spec = checkpoints.restore_policy(checkpoint, task)
     finally:
         checkpoints.close()
-    agents = config.make_agent().replace(**config.swept)
+    if spec is None:  # it is older than specifications are
+        spec = spec_of(make_env(**config.task_at(iteration), physics=config.physics))
+    agents = config.make_agent().replace(**config.swept).bind(spec)
     policy = Policy(agents, saved["params"], normalizer_of(saved))
     if not _fits(policy, len(config.trainings)):
         raise UsageError(
@@ -152,9 +162,8 @@ def _fits(policy: Policy, trainings: int) -> bool:
 
     def same_shapes(policy: Policy, key: jax.Array) -> bool:
         one = policy.of(0)
-        obs = jnp.zeros(one.normalizer.mean.shape[-1])
-        action, _ = one.act(obs, one.initial_memory(key), key)
-        fresh = one.agent.init(key, obs.size, action.size).params
+        one.act(jnp.zeros(one.spec.observation.shape), one.initial_memory(key), key)
+        fresh = one.agent.init(key, one.spec).params
         shapes = [jax.tree.map(jnp.shape, tree) for tree in (one.params, fresh)]
         return shapes[0] == shapes[1]
 
@@ -187,7 +196,7 @@ def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: boo
     seeds = len(state.iteration)
     config = RunConfig(algo=describe(agent), seeds=seeds)
     learned = policy_of(state)
-    if not _fits(Policy(agent, learned["params"], normalizer_of(learned)), seeds):
+    if not _fits(Policy(agent.bind(state.spec), learned["params"], normalizer_of(learned)), seeds):
         raise UsageError(f"The state does not fit the agent: {type(agent).__name__} made another.")
     run_dir = claim(folder, config, overwrite)
     trust_named(config.to_dict(), remember=True)
@@ -233,7 +242,7 @@ def extract(
     learned = {"params": everyone.params, **dataclasses.asdict(everyone.normalizer)}
     checkpoints = Checkpoints(claim(_folder(folder), own))
     mine = jax.tree.map(lambda x: x[place : place + 1], learned)
-    checkpoints.save_policy(iteration, config.task_number(iteration), mine)
+    checkpoints.save_policy(iteration, config.task_number(iteration), mine, everyone.spec)
     checkpoints.close()
     if checkpoints.failure:
         raise UsageError(f"'{folder}' cannot be written: {checkpoints.failure}")
@@ -253,7 +262,7 @@ def describe(agent: Agent) -> dict[str, Any]:
         raise UsageError(f"{kind.__name__} must be defined in a file of its own to be saved.")
     name = names[0] if names else plugins.absolute(f"{file}:{kind.__name__}")
     settings: dict[str, Any] = {"name": name}
-    for field in dataclasses.fields(agent):  # pyright: ignore[reportArgumentType]
+    for field in hyperparameters_of(agent):
         value = getattr(agent, field.name)
         if isinstance(value, jax.Array | np.ndarray | np.generic):
             if np.size(value) != 1:

@@ -17,6 +17,7 @@ from hitmdp_jax.agents.contract import check_algorithm
 from hitmdp_jax.checks import check_size
 from hitmdp_jax.envs.action_repeat import ActionRepeat, action_repeat_of
 from hitmdp_jax.envs.contract import check_task
+from hitmdp_jax.envs.spec import Spec, spec_of
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import out_of_domain
 from hitmdp_jax.learning.episodes import EpisodeWindow, episode_metrics
@@ -48,6 +49,7 @@ class TrainState(struct.PyTreeNode):
     iteration: jax.Array  # int32
     diverged: jax.Array  # int32, the iteration that was not finite; 0 while all are
     cause: jax.Array  # int32, the place in CAUSES of what was not finite
+    spec: Spec = struct.field(pytree_node=False)  # of the task
 
 
 Init = Callable[..., TrainState]  # of a key and, in place of the agent's, of `Hyperparameters`
@@ -123,8 +125,8 @@ def make_train(
             check_size(name, size)
     task = env.env if isinstance(env, ActionRepeat) else env
     check_task(task, f"env = {env!r}" if isinstance(env, type | str) else type(env).__name__)
-    assert isinstance(env.observation_size, int)
-    check_algorithm(agent, env.observation_size, env.action_size, num_envs, rollout_length)
+    agent = agent.bind(spec_of(env))
+    check_algorithm(agent, num_envs, rollout_length)
     pool_size = reset_pool_size or usual_pool_size(num_envs, rollout_length)
     vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger)
     iterations = num_iterations(num_steps, num_envs, rollout_length, action_repeat_of(env))
@@ -146,20 +148,20 @@ class Program:
         hyperparameters = hyperparameters or {}
         agent = self.agent.replace(**hyperparameters)
         key, key_agent, key_env, key_memory = jax.random.split(key, 4)
-        task = self.env.env
-        assert isinstance(task.observation_size, int)
+        spec = self.env.spec
         memory = in_32_bits(agent.initial_memory(key_memory, (self.env.num_envs,)))
         zero = jnp.zeros((), jnp.int32)
         state = TrainState(
             hyperparameters=hyperparameters,
-            learner=in_32_bits(agent.init(key_agent, task.observation_size, task.action_size)),
-            normalizer=initial_statistics(task.observation_size),
+            learner=in_32_bits(agent.init(key_agent, spec)),
+            normalizer=initial_statistics(spec.observation.size),
             rollout=RolloutState(self.env.reset(key_env), memory),
             episodes=EpisodeWindow.empty(),
             key=key,
             iteration=zero,
             diverged=zero,
             cause=zero,
+            spec=spec,
         )
         # Each field has memory of its own, so that a step may be given all of it (donated).
         return jax.tree.map(jnp.copy, state)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hitmdp_jax.agents import Agent
+from hitmdp_jax.agents.base import hyperparameters_of
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 
 PREFIX = "algo."
@@ -56,7 +57,7 @@ def check_sweep(sweep: Any, samples: Any, agent: Agent) -> None:
     if not isinstance(sweep, Mapping) or not sweep:
         raise UsageError(f"sweep = {sweep} must name what is swept, e.g. {FORM}.")
     traced = [PREFIX + name for name in agent.traced_values()]
-    every = [PREFIX + field.name for field in dataclasses.fields(agent)]
+    every = [PREFIX + field.name for field in hyperparameters_of(agent)]
     for name, values in sweep.items():
         if name not in every:
             raise unknown_name("swept hyperparameter", str(name), traced)

@@ -51,6 +51,6 @@ def _call(name: str, agent: Any, *arguments: Any, **keywords: Any) -> Any:
     return getattr(agent, name)(*arguments, **keywords)
 
 
-@functools.partial(compiled, static_argnums=(2, 3))
-def _init(agent: Any, key: jax.Array, observation_size: int, action_size: int) -> Any:
-    return agent.init(key, observation_size, action_size)
+@functools.partial(compiled, static_argnums=2)
+def _init(agent: Any, key: jax.Array, spec: Any) -> Any:
+    return agent.init(key, spec)

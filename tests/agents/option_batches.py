@@ -6,18 +6,19 @@ import numpy as np
 
 from hitmdp_jax.learning.options import OptionMemory
 from hitmdp_jax.learning.rollout import Batch
+from tests.probes import spec_of_sizes
 from tests.programs import compiled
 
 T, B, O, A, K = 5, 3, 4, 2, 4  # noqa: E741
 
 
-SMALL = {"hidden_sizes": (8,)}  # compiles faster than the default
+SMALL = {"hidden_sizes": (8,), "spec": spec_of_sizes(O, A)}  # compiles faster than the default
 
 
 def random_params(agent):
     """Return parameters with which options differ by more than rounding."""
     random = np.random.default_rng(0)
-    shapes = jax.eval_shape(lambda key: agent.init(key, O, A).params, jax.random.key(0))
+    shapes = jax.eval_shape(lambda key: agent.init(key, agent.spec).params, jax.random.key(0))
     return jax.tree.map(lambda x: random.normal(scale=0.4, size=x.shape).astype(x.dtype), shapes)
 
 
@@ -64,7 +65,7 @@ def option_probabilities(heads, previous, initial):
 def log_density(params, heads, option, action):
     """Return log pi_o(a | s) of one state's heads, straight from the normal density."""
     std = jnp.log1p(jnp.exp(params["rho"][option]))
-    return jax.scipy.stats.norm.logpdf(action, heads.mean[option], std).sum()
+    return jax.scipy.stats.norm.logpdf(action, heads.action[option], std).sum()
 
 
 def assert_ascends(loss, objective, params, data):

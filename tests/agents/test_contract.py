@@ -1,6 +1,5 @@
 """What every agent owes, whichever it is."""
 
-import dataclasses
 import functools
 
 import jax
@@ -10,9 +9,10 @@ import pytest
 
 import hitmdp_jax
 from hitmdp_jax.agents import AGENTS
+from hitmdp_jax.agents.base import hyperparameters_of
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
 from hitmdp_jax.errors import UsageError
-from tests.probes import Target
+from tests.probes import Target, spec_of_sizes
 from tests.programs import compiled, shapes_of_an_iteration
 
 SIZES = {"num_envs": 8, "rollout_length": 16}
@@ -33,7 +33,7 @@ def agent(name):
 
 
 def make_agent(name):
-    agent = AGENTS[name]()
+    agent = AGENTS[name](spec=spec_of_sizes(5, 2))
     return agent.replace(num_epochs=2) if hasattr(agent, "num_epochs") else agent
 
 
@@ -42,7 +42,7 @@ def test_act_takes_any_batch_shape(agent, key, batch_shape):
     """Shapes alone are asked for, so nothing is compiled."""
 
     def act(key):
-        params = agent.init(key, observation_size=5, action_size=2).params
+        params = agent.init(key, agent.spec).params
         memory = agent.initial_memory(key, batch_shape)
         return memory, *agent.act(params, jnp.ones((*batch_shape, 5)), memory, key)
 
@@ -59,7 +59,7 @@ def acted(name):
 
     @compiled
     def run(key):
-        params, memory = agent.init(key, 5, 2).params, agent.initial_memory(key, (2, 3))
+        params, memory = agent.init(key, agent.spec).params, agent.initial_memory(key, (2, 3))
         obs = jax.random.normal(key, (2, 3, 5))
 
         def likeliest(key):
@@ -120,7 +120,7 @@ def test_metrics_are_finite(name):
 
 
 def test_float_hyperparameters_are_leaves_and_the_rest_is_static(agent):
-    floats = [f for f in dataclasses.fields(agent) if isinstance(f.default, float)]
+    floats = [f for f in hyperparameters_of(agent) if isinstance(f.default, float)]
     assert len(jax.tree.leaves(agent)) == len(floats)
     clipped = {"clip_eps"} if hasattr(agent, "num_epochs") else set()
     assert {"learning_rate", "gamma"} | clipped <= {f.name for f in floats}
@@ -173,7 +173,7 @@ def test_bad_hyperparameters_are_explained(agent, change, sentence):
 
 def test_bad_sizes_are_explained(agent):
     """Every whole number of an agent, whichever it has."""
-    for field in dataclasses.fields(agent):
+    for field in hyperparameters_of(agent):
         if isinstance(field.default, int) and not isinstance(field.default, bool):
             sentence = f"{field.name} = 0 must be a positive whole number"
             with pytest.raises(UsageError, match=sentence):
@@ -193,17 +193,16 @@ def test_executed_options_and_their_probabilities_agree(agent, name):
 
 
 def test_actions_can_be_asked_of_every_option_at_once(agent, key):
-    """Of all or of none: what has no options has no policy under one."""
+    """What has no options has one policy, whichever is named."""
 
     def means(key):
-        params = agent.init(key, observation_size=5, action_size=2).params
+        params = agent.init(key, agent.spec).params
         every = jnp.arange(getattr(agent, "num_options", 3))
         policies = agent.policy(params, jnp.ones((7, 1, 5)), every)
-        return None if policies is None else policies.mean()
+        return policies.mean()
 
     found = jax.eval_shape(means, key)
-    number = getattr(agent, "num_options", None)
-    assert (found if number is None else found.shape) == (number and (7, number, 2))
+    assert found.shape == (7, getattr(agent, "num_options", 1), 2)
 
 
 def test_rollouts_that_do_not_divide_are_refused(agent):

@@ -10,7 +10,6 @@ from hitmdp_jax.agents import DAC
 from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     SMALL,
-    A,
     B,
     K,
     T,
@@ -97,7 +96,7 @@ def test_value_losses_are_by_hand(agent, params, data):
 
 def test_first_policies_are_as_specified(agent, key):
     obs = normal(np.random.default_rng(1), 50, 4)
-    heads = agent.heads(agent.init(key, 4, A).params, obs)
+    heads = agent.heads(agent.init(key, agent.spec).params, obs)
     np.testing.assert_allclose(expit(heads.termination), 0.5, atol=0.01)
     np.testing.assert_allclose(np.exp(heads.log_master), 1 / K, atol=0.01)
     np.testing.assert_allclose(heads.std, np.log(2.0), rtol=1e-6)

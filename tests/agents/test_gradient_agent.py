@@ -7,7 +7,7 @@ import pytest
 from hitmdp_jax.agents import AGENTS, PPO
 from hitmdp_jax.agents.base import LearnerState
 from tests.agents.compiled import Compiled
-from tests.agents.option_batches import SMALL, A, O, random_batch
+from tests.agents.option_batches import SMALL, random_batch
 from tests.programs import compiled
 
 RATE, EPS = 0.1, 0.5  # so large that Adam's first step tells a small gradient from a large one
@@ -49,7 +49,7 @@ def test_a_step_is_adams_behind_the_gradient_norm_clip(max_grad_norm):
 def test_an_update_that_moves_a_policy_too_far_lowers_the_rate_of_the_next(name):
     """The KL of the policy that moved most counts; the next update is one of the lower rate."""
     agent = Compiled(AGENTS[name](learning_rate=0.1, minibatch_size=5, num_epochs=2, **SMALL))
-    state = agent.init(jax.random.key(0), O, A)
+    state = agent.init(jax.random.key(0), agent.spec)
     batch, key = random_batch(), jax.random.key(1)
     if name == "mopg":
         batch = batch.replace(memory=batch.memory.previous)
@@ -73,5 +73,7 @@ def test_a_kl_without_limit_leaves_the_rate_alone():
     agent = Compiled(
         PPO(learning_rate=0.1, target_kl=float("inf"), minibatch_size=5, num_epochs=2, **SMALL)
     )
-    state, _ = agent.update(agent.init(jax.random.key(0), O, A), random_batch(), jax.random.key(1))
+    state, _ = agent.update(
+        agent.init(jax.random.key(0), agent.spec), random_batch(), jax.random.key(1)
+    )
     assert state.extra == 1.0

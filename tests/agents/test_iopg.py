@@ -12,7 +12,6 @@ from hitmdp_jax.agents.iopg import BeliefMemory
 from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     SMALL,
-    A,
     B,
     K,
     O,
@@ -155,6 +154,6 @@ def test_a_perfect_baseline_leaves_no_loss(agent, params, batch):
     """Where the rewards are zero, so are returns and, with a critic of zeros, the value loss."""
     batch = batch.replace(reward=np.zeros((T, B)))
     critic = jax.tree.map(np.zeros_like, params["critic"])
-    state = agent.init(jax.random.key(0), O, A).replace(params=params | {"critic": critic})
+    state = agent.init(jax.random.key(0), agent.spec).replace(params=params | {"critic": critic})
     _, metrics = agent.update(state, batch, jax.random.key(0))
     assert metrics["value_loss"] == 0

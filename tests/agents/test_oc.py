@@ -11,7 +11,6 @@ from hitmdp_jax.learning.options import OptionMemory
 from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     SMALL,
-    A,
     B,
     K,
     O,
@@ -99,7 +98,7 @@ def test_gradient_is_the_option_critics(agent, params, data):
 
 def test_the_target_network_is_copied_when_due(key):
     agent = Compiled(OC(target_period=3 * T, **SMALL))
-    state, batch = agent.init(key, O, A), random_batch()
+    state, batch = agent.init(key, agent.spec), random_batch()
     first = state.params
     for expected_age in (T, 2 * T, 0):
         state, _ = agent.update(state, batch, key)
@@ -111,7 +110,7 @@ def test_the_target_network_is_copied_when_due(key):
 def test_returns_bootstrap_from_the_target_network(agent, params, key):
     """With gamma 0 the target network cannot matter, else it does."""
     batch = random_batch()
-    state = agent.init(key, O, A)
+    state = agent.init(key, agent.spec)
     other = state.replace(extra=state.extra.replace(params=params))
     for gamma, same in ((0.0, True), (0.99, False)):
         update = agent.replace(gamma=gamma).update

@@ -9,7 +9,6 @@ from hitmdp_jax.learning.options import OptionMemory
 from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     SMALL,
-    A,
     B,
     K,
     O,
@@ -87,7 +86,7 @@ def test_values_of_both_augmented_mdps_equal_their_definitions():
 
 
 def test_hidden_sizes_and_activation_shape_every_body(key):
-    agent = Compiled(DAC(hidden_sizes=(8,), activation="relu", num_options=3))
-    params = jax.eval_shape(lambda key: agent.init(key, O, A), key).params
+    agent = Compiled(DAC(**SMALL, activation="relu", num_options=3))
+    params = jax.eval_shape(lambda key: agent.init(key, agent.spec), key).params
     assert params["policies"]["body"]["input_0"]["kernel"].shape == (3, O, 8)
     assert params["critic"]["output"]["kernel"].shape == (8, 3)

@@ -4,15 +4,16 @@ import numpy as np
 
 from hitmdp_jax.agents import PPO
 from tests.agents.option_batches import normal
+from tests.probes import spec_of_sizes
 
 
 def test_loss_at_the_old_policy_is_by_hand(key):
-    agent, random = PPO(), np.random.default_rng(0)
+    agent, random = PPO(spec=spec_of_sizes(3, 2)), np.random.default_rng(0)
     obs, action = normal(random, 4, 3), normal(random, 4, 2)
 
     @jax.jit
     def evaluate(key):
-        params = agent.init(key, 3, 2).params
+        params = agent.init(key, agent.spec).params
         policy, value = agent.heads(params, obs)
         data = {
             "obs": obs,

@@ -71,7 +71,7 @@ EVALUATE = [
     ("misfit", "does not fit the algorithm"),
     ("other_algo", "does not fit the algorithm"),
     ("other_seeds", "does not fit the algorithm and seeds"),
-    ("other_env", "its last axis must be 2 long"),
+    ("other_env", "The policy observes arrays [2]; the task has arrays ["),
     ("from_python", "names no task"),
     *FOLDERS,
 ]
@@ -97,7 +97,6 @@ EXPORT = [
     ("run --setting 1", "setting = 1 is not in the run"),
     ("run --checkpoint 7", "holds no checkpoint 7"),
     ("misfit", "does not fit the algorithm"),
-    ("other_env", "its last axis must be 2 long"),
     *FOLDERS,
 ]
 

@@ -1,5 +1,7 @@
 """Each action is held for several control steps, as a plain loop around Gymnasium holds it."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,12 +12,10 @@ from hitmdp_jax import make_env
 from hitmdp_jax.agents import PPO
 from hitmdp_jax.envs import check_env
 from hitmdp_jax.envs.action_repeat import ActionRepeat
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.episodes import run_episodes
-from hitmdp_jax.interpret.names import names_of
-from hitmdp_jax.learning.normalization import initial_statistics
-from hitmdp_jax.runs.policy import Policy
 from tests.envs.suites.gym.parity import (
     assert_near,
     gymnasium_env,
@@ -23,7 +23,7 @@ from tests.envs.suites.gym.parity import (
     random_actions,
     random_states,
 )
-from tests.probes import Counter
+from tests.probes import Counter, untrained_policy
 
 REPEAT, ACTIONS, STATES = 6, 3, 20
 
@@ -84,8 +84,7 @@ def test_the_time_limit_is_in_control_steps_and_cuts_the_last_hold(key, repeat, 
 
 
 def test_trajectories_are_as_long_as_their_control_steps(key):
-    agent = PPO(hidden_sizes=(8,))
-    policy = Policy(agent, agent.init(key, 2, 1).params, initial_statistics(2))
+    policy = untrained_policy(PPO(hidden_sizes=(8,), spec=spec_of(Counter())), key)
     recorded = run_episodes(policy, ActionRepeat(Counter(), 2), key, 3)
     np.testing.assert_array_equal(recorded.control_steps, [[2] * 3, [2] * 3, [1] * 3])
     np.testing.assert_array_equal(recorded.lengths, [5, 5, 5])
@@ -139,7 +138,7 @@ def test_a_held_task_is_like_itself_but_for_its_steps():
     assert not isinstance(plain, ActionRepeat)
     assert held.dt == 5 * plain.dt
     assert held.episode_length == plain.episode_length
-    assert names_of(held) == names_of(plain)
+    assert spec_of(held) == dataclasses.replace(spec_of(plain), dt=held.dt)
     assert (held.observation_size, held.action_size, held.backend) == (8, 2, "native")
 
 

@@ -11,10 +11,10 @@ from brax.training.acme.running_statistics import NestedMeanStd
 
 from hitmdp_jax.agents import AGENTS
 from hitmdp_jax.envs import make_env
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.export.program import FORMATS, export
 from hitmdp_jax.runs.policy import Policy
-from tests.probes import Target
 
 
 @functools.cache
@@ -23,9 +23,9 @@ def policy_of(name):
 
     @jax.jit
     def make(key):
-        agent = AGENTS[name](hidden_sizes=(8,))
+        agent = AGENTS[name](hidden_sizes=(8,), spec=spec_of(pendulum()))
         keys = jax.random.split(key, 4)
-        params = agent.init(keys[0], 4, 1).params
+        params = agent.init(keys[0], agent.spec).params
         leaves, structure = jax.tree.flatten(params)
         drawn = [
             x + 0.7 * jax.random.normal(k, x.shape)
@@ -45,7 +45,7 @@ def pendulum():
 @functools.cache
 def runner(name, format_name, stochastic=False):
     """Return an exported policy as a function of arrays by name, and its contract."""
-    content, contract = export(policy_of(name), pendulum(), format_name, stochastic)
+    content, contract = export(policy_of(name), format_name, stochastic)
     outputs = [x["name"] for x in contract["outputs"]]
     if format_name == "onnx":
         session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
@@ -179,7 +179,7 @@ def test_a_stochastic_policy_draws_by_the_noise_that_it_is_given(name, format_na
 
 
 def test_the_contract_says_what_a_caller_must_know():
-    _, contract = export(policy_of("dac"), pendulum(), "stablehlo")
+    _, contract = export(policy_of("dac"), "stablehlo")
     assert contract.pop("versions").keys() == {"hitmdp_jax", "jax"}
     assert contract == {
         "schema": 1,
@@ -220,16 +220,8 @@ def test_the_contract_says_what_a_caller_must_know():
 
 
 def test_a_memory_that_is_drawn_says_so():
-    _, contract = export(policy_of("mopg"), None, "stablehlo")
+    _, contract = export(policy_of("mopg"), "stablehlo")
     assert contract["inputs"][1]["drawn"]
-    assert not contract["actions_clipped"]
-    assert contract["observation_names"] is contract["control_step_seconds"] is None
-
-
-def test_what_no_coordinate_shows_is_numbered_in_the_contract():
-    policy = policy_of("ppo")
-    _, contract = export(policy, Target(), "stablehlo")
-    assert (contract["observation_names"], contract["action_names"]) == (["obs[0]"], ["action[0]"])
 
 
 def test_what_cannot_be_converted_is_explained():
@@ -237,12 +229,12 @@ def test_what_cannot_be_converted_is_explained():
     policy = policy_of("mopg")
     deep = policy.replace(agent=policy.agent.replace(value_order=2))
     with pytest.raises(UsageError, match=r"jax2onnx cannot convert this .*; format stablehlo can"):
-        export(deep, None, "onnx")
+        export(deep, "onnx")
 
 
 def test_an_unknown_format_is_explained():
     with pytest.raises(UsageError, match="Unknown format 'onx'; did you mean 'onnx'"):
-        export(policy_of("ppo"), None, "onx")
+        export(policy_of("ppo"), "onx")
 
 
 @pytest.mark.parametrize("format_name", FORMATS)
@@ -254,4 +246,4 @@ def test_a_policy_is_exported_under_x64_as_it_is_without(format_name):
 
 def exported_under(enabled, format_name):
     with jax.enable_x64(enabled):
-        return export(policy_of("mopg"), pendulum(), format_name)
+        return export(policy_of("mopg"), format_name)

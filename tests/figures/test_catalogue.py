@@ -9,13 +9,13 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.text import Text
 
+from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.experiments.sweeps import SettingResult, sweep_figure
 from hitmdp_jax.figures.curves import learning_curve
 from hitmdp_jax.figures.embeddings import limit_of_changes
 from hitmdp_jax.figures.registry import Needs, RunMetrics, entries, find
 from hitmdp_jax.figures.style import option_color
-from hitmdp_jax.interpret.names import Names
 from hitmdp_jax.interpret.perturbation import strongest
 from tests.interpret.analyses import analysis_of_embeddings, analysis_of_terminations
 
@@ -157,7 +157,9 @@ FORMULA = r"$\frac$ and $x$"  # Matplotlib would read it, and fail
 def in_formulas():
     """The answers about a task whose every entry is called a formula."""
     known = copy.copy(analysis_of_embeddings())
-    known.__dict__["names"] = Names((FORMULA,) * 2, (FORMULA,))
+    known.__dict__["spec"] = Spec(
+        Observation((2,), names=(FORMULA,) * 2), Box((0.0,), (1.0,), (FORMULA,))
+    )
     return known
 
 

@@ -5,15 +5,15 @@ import functools
 import jax
 
 from hitmdp_jax.agents import DAC, MOPG
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
-from hitmdp_jax.learning.normalization import initial_statistics
-from hitmdp_jax.runs.policy import Policy
 from tests.interpret.known_returns import Payment
+from tests.probes import untrained_policy
 
 
 def analysis_of(agent):
-    params = jax.jit(lambda key: agent.init(key, 2, 1).params)(jax.random.key(0))
-    policy = Policy(agent, params, initial_statistics(2))
+    bound = agent.bind(spec_of(Payment()))
+    policy = jax.jit(lambda key: untrained_policy(bound, key))(jax.random.key(0))
     return OptionAnalysis(policy, Payment(), jax.random.key(1), 3)
 
 

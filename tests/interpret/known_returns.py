@@ -9,6 +9,7 @@ from hitmdp_jax.agents import Agent
 from hitmdp_jax.agents.base import LearnerState, static
 from hitmdp_jax.learning.normalization import initial_statistics
 from hitmdp_jax.runs.policy import Policy
+from tests.probes import spec_of_sizes
 
 
 class Obvious(Agent):
@@ -19,7 +20,7 @@ class Obvious(Agent):
 
     num_options: int = static(3)
 
-    def init(self, key, observation_size, action_size):
+    def init(self, key, spec):
         return LearnerState((), ())
 
     def initial_memory(self, key, batch_shape=()):
@@ -58,4 +59,6 @@ class Payment(Env):
 
 
 def obvious(num_options=3):
-    return Policy(Obvious(num_options=num_options), (), initial_statistics(2))
+    return Policy(
+        Obvious(num_options=num_options, spec=spec_of_sizes(2, 1)), (), initial_statistics(2)
+    )

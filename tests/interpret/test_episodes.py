@@ -10,8 +10,7 @@ from hitmdp_jax.agents import AHP, MOPG, PPO
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.episodes import run_episodes, run_in_gymnasium
-from hitmdp_jax.runs.policy import Policy
-from tests.probes import Counter, Target
+from tests.probes import Counter, Target, spec_of_sizes, untrained_policy
 from tests.programs import compiled
 
 PENDULUM = {"name": "invertedpendulum"}
@@ -20,8 +19,7 @@ SMALL = {"hidden_sizes": (8,)}
 
 @functools.partial(jax.jit, static_argnums=(1, 2))
 def untrained(agent, observation_size, action_size, key):
-    params = agent.init(key, observation_size, action_size).params
-    return Policy(agent, params, running_statistics.init_state(jnp.zeros(observation_size)))
+    return untrained_policy(agent.bind(spec_of_sizes(observation_size, action_size)), key)
 
 
 class Staircase(Counter):

@@ -6,24 +6,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brax.training.acme import running_statistics
 
 from hitmdp_jax.agents import MOPG
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret import evaluation
 from hitmdp_jax.interpret.episodes import run_episodes
 from hitmdp_jax.interpret.evaluation import Scores, score, score_each, score_in_jax
-from hitmdp_jax.runs.policy import Policy
-from tests.probes import Counter
+from tests.probes import Counter, spec_of_sizes, untrained_policy
 
 PENDULUM = {"name": "invertedpendulum"}
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def untrained(observation_size, action_size, key):
-    agent = MOPG(hidden_sizes=(8,))
-    params = agent.init(key, observation_size, action_size).params
-    return Policy(agent, params, running_statistics.init_state(jnp.zeros(observation_size)))
+    spec = spec_of_sizes(observation_size, action_size)
+    return untrained_policy(MOPG(hidden_sizes=(8,), spec=spec), key)
 
 
 def test_each_environment_scores_its_first_whole_episode(key):

@@ -13,9 +13,10 @@ from hitmdp_jax.interpret.forced_options import force_options, number_of_options
 from hitmdp_jax.learning.normalization import initial_statistics
 from hitmdp_jax.runs.policy import Policy
 from tests.interpret.known_returns import Payment, obvious
+from tests.probes import spec_of_sizes, untrained_policy
 from tests.programs import compiled
 
-SMALL = {"num_options": 3, "hidden_sizes": (8,)}
+SMALL = {"num_options": 3, "hidden_sizes": (8,), "spec": spec_of_sizes(2, 1)}
 
 
 @pytest.mark.parametrize("agent", [MOPG(**SMALL), AHP(**SMALL), IOPG(**SMALL)], ids=type)
@@ -24,7 +25,7 @@ def test_a_schedule_of_its_own_choices_repeats_an_episode(agent, key):
 
     @compiled
     def run_twice(key):
-        policy = Policy(agent, agent.init(key, 2, 1).params, initial_statistics(2))
+        policy = untrained_policy(agent, key)
         own = run_episodes(policy, env, key, 4)
         return own, run_episodes(force_options(policy, own.option), env, key, 4)
 

@@ -22,6 +22,7 @@ from hitmdp_jax.learning.normalization import initial_statistics
 from hitmdp_jax.runs.policy import Policy
 from tests.interpret.known_returns import Payment, obvious
 from tests.interpret.test_option_use import episodes, pad, padding, runs
+from tests.probes import spec_of_sizes
 from tests.programs import compiled
 
 STEPS = Payment.episode_length
@@ -112,18 +113,18 @@ def test_options_that_are_practically_identical_are_named(divergence, said):
 
 def test_divergence_is_the_mean_of_both_kls_over_states(key):
     agent, states = (
-        DAC(num_options=3, hidden_sizes=(8,)),
+        DAC(num_options=3, hidden_sizes=(8,), spec=spec_of_sizes(5, 2)),
         np.random.default_rng(0).normal(size=(4, 5)),
     )
 
     @compiled
     def heads_and_divergence(key):
-        params = agent.init(key, 5, 2).params
+        params = agent.init(key, agent.spec).params
         scatter = jax.random.normal(key, (3, 2))
         params = jax.tree.map(lambda x: x + 0.3 * jax.random.normal(key, x.shape), params)
         policy = Policy(agent, params | {"rho": scatter}, initial_statistics(5))
         heads = agent.heads(policy.params, policy.normalized(states))
-        return heads.mean, heads.std, divergence(policy, states)
+        return heads.action, heads.std, divergence(policy, states)
 
     mean, std, found = heads_and_divergence(key)
     expected = np.zeros((3, 3))

@@ -29,7 +29,7 @@ def test_every_answer_is_an_array_of_its_shape():
     np.testing.assert_allclose(found.attention.sum(axis=1), 1.0, rtol=1e-5)
     assert found.projection.points.shape == (STATES, 2)
     assert found.terminations is None
-    assert found.names.actuators == ("action[0]",)
+    assert found.spec.action.names == ("action[0]",)
 
 
 def test_choices_are_what_the_transitions_were_drawn_with():

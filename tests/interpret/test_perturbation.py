@@ -4,21 +4,21 @@ import pytest
 
 from hitmdp_jax.agents import DAC, MOPG
 from hitmdp_jax.interpret.perturbation import SHIFTS, Perturbation, perturb, sentences, strongest
-from hitmdp_jax.learning.normalization import initial_statistics
-from hitmdp_jax.runs.policy import Policy
+from tests.probes import spec_of_sizes, untrained_policy
 from tests.programs import compiled
 
 STATES = np.random.default_rng(0).normal(size=(6, 5)).astype(np.float32)
 
 
 def untrained(agent, key):
-    params = agent.init(key, 5, 2).params
+    policy = untrained_policy(agent.bind(spec_of_sizes(5, 2)), key)
+    params = policy.params
     if "decoder" in params:  # a first policy hardly moves
         decoder = params["decoder"]
         params = params | {
             "decoder": decoder | {"mean": jax.tree.map(lambda x: 50 * x, decoder["mean"])}
         }
-    return Policy(agent, params, initial_statistics(5))
+    return policy.replace(params=params)
 
 
 @pytest.fixture(scope="module", params=["equal", "normal"])

@@ -13,8 +13,10 @@ from hitmdp_jax.interpret.visited_states import (
 )
 from hitmdp_jax.learning.normalization import initial_statistics
 from hitmdp_jax.runs.policy import Policy
+from tests.probes import spec_of_sizes, untrained_policy
 from tests.programs import compiled
 
+SMALL = {"hidden_sizes": (8,), "spec": spec_of_sizes(5, 2)}
 LENGTHS = (4, 1, 6)
 STATES = States(
     np.random.default_rng(0).normal(size=(7, 5)).astype(np.float32),
@@ -55,14 +57,12 @@ def test_some_steps_are_spread_over_the_episodes():
     np.testing.assert_array_equal(found.obs, every.obs[[0, 5, 10]])
 
 
-def policy_of(agent, key):
-    return Policy(agent, agent.init(key, 5, 2).params, initial_statistics(5))
-
-
 @pytest.mark.parametrize("form", ["similarity", "printed"])
 def test_attention_is_the_softmax_of_queries_and_keys(form, key):
-    agent = MOPG(num_options=3, embedding_size=4, hidden_sizes=(8,), master_policy=form)
-    policy, found = compiled(lambda key: (p := policy_of(agent, key), attention(p, STATES)))(key)
+    agent = MOPG(num_options=3, embedding_size=4, master_policy=form, **SMALL)
+    policy, found = compiled(lambda key: (p := untrained_policy(agent, key), attention(p, STATES)))(
+        key
+    )
     rows, encoder = policy.params["embeddings"], policy.params["encoder"]
     obs, body = np.clip(STATES.obs, -10, 10), encoder["query_body"]
     hidden = obs @ body["input_0"]["kernel"] + body["input_0"]["bias"]
@@ -77,11 +77,11 @@ def test_attention_is_the_softmax_of_queries_and_keys(form, key):
 
 
 def test_terminations_are_the_sigmoid_of_their_head(key):
-    agent = DAC(num_options=3, hidden_sizes=(8,))
+    agent = DAC(num_options=3, **SMALL)
 
     @compiled
     def run(key):
-        policy = policy_of(agent, key)
+        policy = untrained_policy(agent, key)
         heads = agent.heads(policy.params, policy.normalized(STATES.obs))
         return heads.termination, terminations(policy, STATES)
 
@@ -91,9 +91,9 @@ def test_terminations_are_the_sigmoid_of_their_head(key):
 
 
 def test_what_an_agent_lacks_is_none(key):
-    for agent in (PPO(hidden_sizes=(8,)), DAC(hidden_sizes=(8,))):
+    for agent in (PPO(**SMALL), DAC(**SMALL)):
         assert attention(Policy(agent, (), initial_statistics(5)), STATES) is None
-    for agent in (PPO(hidden_sizes=(8,)), MOPG(hidden_sizes=(8,))):
+    for agent in (PPO(**SMALL), MOPG(**SMALL)):
         assert terminations(Policy(agent, (), initial_statistics(5)), STATES) is None
 
 

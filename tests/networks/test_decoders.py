@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from hitmdp_jax.envs.spec import Box
 from hitmdp_jax.networks import ActionDecoder, Critic
 
 
@@ -15,7 +16,7 @@ def random():
 def test_action_density_equals_scipy(key, random):
     obs, vectors, action = (random.normal(size=(5, n)).astype(np.float32) for n in (3, 4, 2))
     option = np.arange(5)
-    decoder = ActionDecoder(action_size=2, initial_log_std=-0.3)
+    decoder = ActionDecoder(Box.unlimited(2), initial_log_std=-0.3)
 
     @jax.jit
     def evaluate(key):
@@ -30,7 +31,7 @@ def test_action_density_equals_scipy(key, random):
 
 def test_first_actions_are_nearly_centred(key, random):
     obs = random.normal(size=(256, 3))
-    decoder = ActionDecoder(action_size=2)
+    decoder = ActionDecoder(Box.unlimited(2))
     mean = jax.jit(lambda key: decoder.apply(decoder.init(key, obs), obs).mode())(key)
     assert np.abs(mean).max() < 0.1
 

@@ -3,11 +3,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from hitmdp_jax.envs.spec import Box
 from hitmdp_jax.networks import OptionNetwork
 from hitmdp_jax.networks.option_heads import Head
 
 NETWORK = OptionNetwork(
-    action_size=2, num_options=3, num_values=4, hidden_sizes=(8, 8), activation="tanh"
+    actions=Box.unlimited(2), num_options=3, num_values=4, hidden_sizes=(8, 8), activation="tanh"
 )
 
 
@@ -57,7 +58,7 @@ def test_every_options_heads_equal_networks_of_their_own(noisy_params, batch_sha
     outputs = jax.device_get(outputs_of_their_own(noisy_params, obs))
     for k in range(3):
         mean, termination = np.tanh(outputs["policies"][k]), outputs["terminations"][k][..., 0]
-        np.testing.assert_allclose(heads.mean[..., k, :], mean, rtol=1e-4)
+        np.testing.assert_allclose(heads.action[..., k, :], mean, rtol=1e-4)
         np.testing.assert_allclose(heads.termination[..., k], termination, rtol=1e-4, atol=1e-5)
     assert heads.value.shape == (*batch_shape, 4)
     np.testing.assert_allclose(np.exp(heads.log_master).sum(-1), 1.0, rtol=1e-5)

@@ -8,10 +8,10 @@ import numpy as np
 from plotly.offline import get_plotlyjs
 
 from hitmdp_jax.cli.settings import Settings
+from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.experiments.comparison_page import comparison_page
 from hitmdp_jax.figures.embeddings import limit_of_changes
-from hitmdp_jax.interpret.names import Names
 from hitmdp_jax.report.interactive import explorer
 from hitmdp_jax.report.run_report import RunReport
 from hitmdp_jax.runs.sinks import CsvSink
@@ -116,7 +116,9 @@ def pages_of_a_stranger(folder, name):
         sweep={name: [0.9, 0.99]},
     )
     known = copy.copy(analysis_of_embeddings(9))
-    known.__dict__["names"] = Names((name, name), (name,))
+    known.__dict__["spec"] = Spec(
+        Observation((2,), names=(name, name)), Box((0.0,), (1.0,), (name,))
+    )
 
     def video(_):
         raise UsageError(name)

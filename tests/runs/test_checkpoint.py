@@ -10,9 +10,10 @@ from flax import struct
 
 import hitmdp_jax
 from hitmdp_jax.agents import PPO
+from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress, saved_iterations
-from tests.probes import Target
+from tests.probes import Target, spec_of_sizes
 
 INIT, STEP = hitmdp_jax.make_train(PPO(num_epochs=1), Target(), num_steps=64, num_envs=4,
                                    rollout_length=16)  # fmt: skip
@@ -119,6 +120,7 @@ class Small(struct.PyTreeNode):
     key: jax.Array
     learner: Learner
     normalizer: Normalizer
+    spec: Spec = struct.field(pytree_node=False, default=spec_of_sizes(3, 1))
 
     @classmethod
     def at(cls, iteration):
@@ -174,7 +176,7 @@ def test_damage_in_any_file_is_noticed(damage, number, two, tmp_path, capfd):
                     shutil.copytree(two, run_dir, dirs_exist_ok=True)
             else:
                 reader = Checkpoints(run_dir, read_only=True)
-                iteration, policy = reader.restore_policy()
+                iteration, policy, _ = reader.restore_policy()
                 read = policy["params"]
                 if iteration == 1:
                     with pytest.raises(UsageError):  # in one sentence

@@ -18,6 +18,7 @@ from hitmdp_jax.runs.claim import (
     newest,
 )
 from hitmdp_jax.runs.config import RunConfig
+from tests.probes import spec_of_sizes
 
 CONFIG = RunConfig(algo={"name": "ppo"}, env={"name": "halfcheetah"}, total_steps=4096)
 
@@ -110,7 +111,7 @@ def test_another_runs_folder_is_not_taken_for_ones_own(tmp_path):
     assert not is_finished(tmp_path, CONFIG)
     for iteration, finished in ((1, False), (2, True)):
         checkpoints = Checkpoints(tmp_path)
-        checkpoints.save_policy(iteration, 0, {"mean": jnp.zeros((1, 3))})
+        checkpoints.save_policy(iteration, 0, {"mean": jnp.zeros((1, 3))}, spec_of_sizes(3, 1))
         checkpoints.close()
         assert is_finished(tmp_path, CONFIG) == finished
     (tmp_path / "checkpoints" / "2" / "progress" / "metadata").write_text("")

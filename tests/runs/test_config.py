@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from hitmdp_jax.agents import AGENTS
+from hitmdp_jax.agents.base import hyperparameters_of
 from hitmdp_jax.cli.settings import HOST_SETTINGS, Settings
 from hitmdp_jax.envs import list_envs
 from hitmdp_jax.errors import UsageError
@@ -32,7 +33,7 @@ def test_yaml_states_every_hyperparameter_and_its_default(name):
     assert settings.pop("name") == name
     defaults = {
         f.name: list(f.default) if isinstance(f.default, tuple) else f.default
-        for f in dataclasses.fields(AGENTS[name])
+        for f in hyperparameters_of(AGENTS[name])
     }
     assert settings == defaults
 

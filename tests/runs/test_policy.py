@@ -40,7 +40,7 @@ def saved(states, tmp_path_factory):
 
 def test_what_the_library_trained_is_loaded_as_it_was(saved, states):
     policy = hitmdp_jax.load(saved, seed=1)
-    assert policy.agent == AGENT
+    assert policy.agent == AGENT.bind(states.spec)
     jax.tree.map(lambda x, y: np.testing.assert_array_equal(x, y[1]), policy.params,
                  states.learner.params)  # fmt: skip
     np.testing.assert_array_equal(policy.normalizer.mean, states.normalizer.mean[1])
@@ -88,9 +88,10 @@ def test_what_a_policy_learned_from_is_what_it_acts_on(states):
     def run(key):
         memory = AGENT.initial_memory(key, (8,))
         start = RolloutState(env.reset(key), memory)
-        args = AGENT, one.learner.params, one.normalizer, env, start, key, 2
+        agent = AGENT.bind(one.spec)
+        args = agent, one.learner.params, one.normalizer, env, start, key, 2
         _, batch, _, obs = collect(*args)
-        policy = Policy(AGENT, one.learner.params, one.normalizer)
+        policy = Policy(agent, one.learner.params, one.normalizer)
         return batch.obs, policy.normalized(obs), obs
 
     learned_from, acted_on, obs = jax.jit(run)(jax.random.key(3))
@@ -119,7 +120,7 @@ def test_the_best_checkpoint_is_the_one_of_the_highest_return(states, tmp_path):
 def test_observations_of_another_size_are_explained(saved):
     policy = hitmdp_jax.load(saved)
     memory = policy.initial_memory(jax.random.key(0))
-    with pytest.raises(UsageError, match=r"obs has shape \(3,\); its last axis must be 1 long"):
+    with pytest.raises(UsageError, match=r"obs has shape \(3,\); its last axes must be \(1,\)"):
         policy.act(jnp.zeros(3), memory, jax.random.key(0))
 
 

@@ -17,7 +17,7 @@ def draw(analysis: OptionAnalysis) -> Figure:
     _, found = embedded(analysis)
     option = analysis.by_usage[0]
     dimension = strongest(found.slopes[option])[0]
-    inches = 1.2 + 1.3 * height(len(analysis.names.actuators))
+    inches = 1.2 + 1.3 * height(len(analysis.spec.action.names))
     figure = Figure(figsize=(5.5, inches), layout="constrained")
     axes = figure.subplots()
     draw_changes(figure, [axes], analysis, [(option, dimension)])

@@ -17,7 +17,7 @@ def draw(analysis: OptionAnalysis) -> Figure:
     rows, _ = embedded(analysis)
     options = analysis.by_usage[:2]
     pairs = [(k, e) for k in options for e in np.argsort(-np.abs(rows[k]), kind="stable")[:3]]
-    inches = len(options) * (1.0 + height(len(analysis.names.actuators)))
+    inches = len(options) * (1.0 + height(len(analysis.spec.action.names)))
     figure = Figure(figsize=(9, inches), layout="constrained")
     grid = figure.subplots(len(options), len(pairs) // len(options), sharey=True, squeeze=False)
     panels = list(grid.ravel())

@@ -19,7 +19,7 @@ def draw(analysis: OptionAnalysis) -> Figure:
     rows, found = embedded(analysis)
     option = analysis.by_usage[0]
     chosen = strongest(found.slopes[option])[:4]
-    heights = 1.2 + height(len(rows)), 1.5 + height(len(analysis.names.actuators))
+    heights = 1.2 + height(len(rows)), 1.5 + height(len(analysis.spec.action.names))
     figure = Figure(figsize=(9, sum(heights)), layout="constrained")
     parts: Any = figure.subfigures(2, height_ratios=heights)
     top, bottom = parts

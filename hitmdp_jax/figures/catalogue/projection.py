@@ -35,7 +35,7 @@ def draw(analysis: OptionAnalysis) -> Figure:
 
 def _component(analysis: OptionAnalysis, i: int) -> str:
     weights = np.abs(analysis.projection.components[i])
-    most = ", ".join(plain(analysis.names.observations[j]) for j in np.argsort(-weights)[:3])
+    most = ", ".join(plain(analysis.spec.observation.names[j]) for j in np.argsort(-weights)[:3])
     share = analysis.projection.explained[i]
     return f"component {i + 1}: {share:.0%} of the variance\n({most}, ...)"
 
