@@ -18,9 +18,9 @@ from hitmdp_jax.cli.policies import add_checkpoint, load_named
 from hitmdp_jax.cli.settings import Parser
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.interpret.evaluation import ENGINES, Scores, check_request, score_each, task_env
-from hitmdp_jax.interpret.forced_options import number_of_options
 from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, summary
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
+from hitmdp_jax.interpret.option_use import number_of_options
 from hitmdp_jax.reading import read_rows
 from hitmdp_jax.runs.checkpoint import Progress
 from hitmdp_jax.runs.config import RunConfig, Task

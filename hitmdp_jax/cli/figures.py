@@ -17,9 +17,9 @@ from hitmdp_jax.experiments import tables
 from hitmdp_jax.figures.curves import read_metrics, save
 from hitmdp_jax.figures.registry import Needs, RunMetrics, find, summaries
 from hitmdp_jax.interpret.evaluation import check_episodes
-from hitmdp_jax.interpret.forced_options import number_of_options
 from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, table
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
+from hitmdp_jax.interpret.option_use import number_of_options
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import FIGURES, check_replaceable, refuse_link, subfolder
 from hitmdp_jax.runs.host import set_up_host

@@ -109,8 +109,8 @@ def report(
 
     @functools.cache
     def analyse():
-        from hitmdp_jax.interpret.forced_options import number_of_options
         from hitmdp_jax.interpret.option_analysis import OptionAnalysis
+        from hitmdp_jax.interpret.option_use import number_of_options
 
         number_of_options(config.make_agent())  # before anything is compiled
         policy, env = policy_and_env()

@@ -36,7 +36,8 @@ class Trajectories(struct.PyTreeNode):
     action: jax.Array  # [T, N, A] as drawn, before the task clips them
     reward: jax.Array  # [T, N]
     option: jax.Array | None  # [T, N] int, o_t; None of a policy without options
-    option_probs: jax.Array | None  # [T, N, K] P(o_t | s_t, what the policy remembers), or None
+    # [T, N, K] P(o_t | s_t, what the policy remembers); None also of options that were given.
+    option_probs: jax.Array | None
     alive: jax.Array  # [T, N] bool, the step belongs to the episode
     control_steps: jax.Array  # [T, N] int, as many as the action was held for; 0 where not alive
     terminated: jax.Array  # [N] bool, the task ended the episode
@@ -70,6 +71,7 @@ def run_episodes(
     key: jax.Array,
     num_episodes: int,
     *,
+    options: jax.Array | None = None,
     deterministic: bool = False,
     physics: bool = False,
 ) -> Trajectories:
@@ -83,6 +85,8 @@ def run_episodes(
       env: the task, unbatched and without auto-reset.
       key: PRNG key of the initial states and the actions.
       num_episodes: N.
+      options: [T, N] int, those to follow instead of the policy's own choices. Actions are drawn
+        from its P(a | s, o) by the same keys: under its own choices it repeats its own episode.
       deterministic: take the likeliest option and action instead of sampling.
       physics: record the generalised coordinates and controls too.
 
@@ -91,9 +95,12 @@ def run_episodes(
     """
     key_reset, key_memory, key_steps = jax.random.split(key, 3)
 
-    def step(carry: Any, key: jax.Array):
-        state, memory, alive = carry
-        decision, memory = _decide(policy, state.obs, memory, key, deterministic)
+    def step(carry: Any, now: tuple[jax.Array, jax.Array | None]):
+        (state, memory, alive), (key, option) = carry, now
+        if option is None:
+            decision, memory = _decide(policy, state.obs, memory, key, deterministic)
+        else:
+            decision = _follow(policy, state.obs, option, key, deterministic)
         new_state = as_before(jax.vmap(env.step)(state, decision["action"]), state)
         seen = {
             "obs": state.obs,
@@ -112,7 +119,7 @@ def run_episodes(
     )
     limit = spec_of(env).episode_length
     keys = jax.random.split(key_steps, -(-limit // action_repeat_of(env)))
-    (_, _, alive), steps = jax.lax.scan(step, start, keys)
+    (_, _, alive), steps = jax.lax.scan(step, start, (keys, options))
     success = jax.tree.map(lambda x: x.max(axis=0), steps.pop("success"))
     return in_32_bits(Trajectories(**steps, terminated=~alive, success=success))
 
@@ -181,6 +188,16 @@ def _decide(
         "option_probs": agent.option_probs(params, obs, memory),
     }
     return in_32_bits((decision, new_memory))
+
+
+def _follow(
+    policy: Policy, obs: jax.Array, option: jax.Array, key: jax.Array, deterministic: bool
+) -> dict[str, Any]:
+    """Return what a policy does for raw observations [N, O] under given options [N]."""
+    _, key_action = jax.random.split(key)  # as every agent with options splits it
+    chosen = policy.agent.policy(policy.params, policy.normalized(obs), option)
+    action = chosen.mode() if deterministic else chosen.sample(seed=key_action)
+    return in_32_bits({"action": action, "option": option, "option_probs": None})
 
 
 def _so_far(state: State, alive: jax.Array) -> jax.Array | None:

@@ -58,35 +58,6 @@ def check_episodes(episodes: int) -> None:
     check_memory({"episodes": 24 * whole_number("episodes", episodes, at_least=1)})
 
 
-def score(
-    policy: Policy,
-    task: Task,
-    engine: str,
-    episodes: int,
-    key: jax.Array,
-    deterministic: bool = False,
-) -> Scores:
-    """Run a policy for some episodes of its own task.
-
-    Args:
-      policy: what acts.
-      task: what it learned last, as `RunConfig.task_at` says of its checkpoint's iteration.
-      engine: "native", "mjx", "warp" or "gymnasium".
-      episodes: how many, all side by side.
-      key: PRNG key of the initial states and the actions.
-      deterministic: take the likeliest option and action instead of sampling.
-
-    Raises:
-      UsageError: the engine is unknown or does not have the task, episodes < 1, or the policy does
-        not fit the task.
-    """
-    check_request(engine, episodes)
-    if engine == "gymnasium":
-        recorded = run_in_gymnasium(policy, task, key, episodes, deterministic=deterministic)
-        return Scores(np.asarray(recorded.returns), np.asarray(recorded.lengths))
-    return score_in_jax(policy, task_env(task, engine), episodes, key, deterministic)
-
-
 def score_each(
     policies: Policy,
     task: Task,
@@ -95,30 +66,34 @@ def score_each(
     keys: Sequence[jax.Array],
     deterministic: bool = False,
 ) -> list[Scores]:
-    """Run the policies of several trainings side by side, each as `score` does.
+    """Run the policies of several trainings for some episodes of their own task, side by side.
 
     Args:
       policies: their leaves [R, ...].
-      task: as `score`.
-      engine: as `score`; Gymnasium runs them one after the other.
+      task: what they learned last, as `RunConfig.task_at` says of their checkpoint's iteration.
+      engine: "native", "mjx", "warp" or "gymnasium", which runs them one after the other.
       episodes: how many, of each policy.
-      keys: R PRNG keys.
-      deterministic: as `score`.
+      keys: R PRNG keys of the initial states and the actions.
+      deterministic: take the likeliest option and action instead of sampling.
 
     Returns:
       R scores, in order.
 
     Raises:
-      UsageError: as `score`.
+      UsageError: the engine is unknown or does not have the task, episodes < 1, or the policies do
+        not fit the task.
     """
     check_request(engine, episodes)
     if engine == "gymnasium":
-        everyone = [(policies.of(i), key) for i, key in enumerate(keys)]
-        return [score(one, task, engine, episodes, key, deterministic) for one, key in everyone]
+        recorded = [
+            run_in_gymnasium(policies.of(i), task, key, episodes, deterministic=deterministic)
+            for i, key in enumerate(keys)
+        ]
+        return [Scores(np.asarray(x.returns), np.asarray(x.lengths)) for x in recorded]
     env = task_env(task, engine)
     check_fit(policies.of(0), env)
     returns, lengths, success = jax.device_get(
-        _of_each(policies, env, jnp.stack(keys), episodes, deterministic)
+        _totals(policies, env, jnp.stack(keys), episodes, deterministic)
     )
     known = [None] * len(keys) if success is None else success
     return [Scores(*of_one) for of_one in zip(returns, lengths, known, strict=True)]
@@ -127,18 +102,6 @@ def score_each(
 def task_env(task: Task, engine: str) -> Env:
     """Return a task in an engine of JAX; the same object for the same task."""
     return _env(json.dumps(task, sort_keys=True), engine)
-
-
-def score_in_jax(
-    policy: Policy, env: Env, episodes: int, key: jax.Array, deterministic: bool = False
-) -> Scores:
-    """Run each of N environments until its first episode ends. Pure but for the final copy.
-
-    Raises:
-      UsageError: the policy observes or acts in another size than the task.
-    """
-    check_fit(policy, env)
-    return Scores(*jax.device_get(_totals(policy, env, key, episodes, deterministic)))
 
 
 def check_fit(policy: Policy, env: Env) -> None:
@@ -159,18 +122,12 @@ def check_fit(policy: Policy, env: Env) -> None:
 # Compiled apart from `run_episodes`: the compiler then leaves out what is recorded step by step.
 @functools.partial(jax.jit, static_argnames=("env", "episodes", "deterministic"))
 def _totals(
-    policy: Policy, env: Env, key: jax.Array, episodes: int, deterministic: bool
-) -> tuple[jax.Array, jax.Array, jax.Array | None]:
-    recorded = run_episodes(policy, env, key, episodes, deterministic=deterministic)
-    return recorded.returns, recorded.lengths, recorded.success
-
-
-@functools.partial(jax.jit, static_argnames=("env", "episodes", "deterministic"))
-def _of_each(
     policies: Policy, env: Env, keys: jax.Array, episodes: int, deterministic: bool
 ) -> tuple[jax.Array, jax.Array, jax.Array | None]:
     def of_one(number: jax.Array, key: jax.Array):
-        return _totals(policies.of(number), env, key, episodes, deterministic)
+        policy = policies.of(number)
+        recorded = run_episodes(policy, env, key, episodes, deterministic=deterministic)
+        return recorded.returns, recorded.lengths, recorded.success
 
     return jax.vmap(of_one)(jnp.arange(len(keys)), keys)
 

@@ -14,8 +14,7 @@ from brax.envs.base import Env
 from numpy.typing import ArrayLike
 
 from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
-from hitmdp_jax.interpret.forced_options import force_options, number_of_options
-from hitmdp_jax.interpret.option_use import activations
+from hitmdp_jax.interpret.option_use import activations, number_of_options
 from hitmdp_jax.runs.policy import Policy
 
 OWN, SHUFFLED, UNIFORM, FROZEN = "own choices", "own, shuffled", "uniform choices", "first choice"
@@ -130,8 +129,8 @@ def _returns_and_lengths(
     """Return what episodes under plans [M, T, N] add up to, [M, N] each."""
 
     def run(plan: jax.Array) -> tuple[jax.Array, jax.Array]:
-        policy_of_plan, num_episodes = force_options(policy, plan), plan.shape[1]
-        recorded = run_episodes(policy_of_plan, env, key, num_episodes, deterministic=deterministic)
+        how = {"options": plan, "deterministic": deterministic}
+        recorded = run_episodes(policy, env, key, plan.shape[1], **how)
         return recorded.returns, recorded.lengths
 
     return jax.vmap(run)(plans)

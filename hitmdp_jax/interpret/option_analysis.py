@@ -13,8 +13,8 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret import option_use
 from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
 from hitmdp_jax.interpret.evaluation import check_episodes, check_fit
-from hitmdp_jax.interpret.forced_options import number_of_options
 from hitmdp_jax.interpret.interventions import Interventions, divergence, intervene
+from hitmdp_jax.interpret.option_use import number_of_options
 from hitmdp_jax.interpret.perturbation import Perturbation, embeddings, perturb
 from hitmdp_jax.interpret.projection import Projection, project
 from hitmdp_jax.interpret.visited_states import States, attention, terminations, visited

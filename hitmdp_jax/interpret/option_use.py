@@ -1,16 +1,18 @@
 """What options do in recorded episodes: how long, how often, and which after which.
 
-All functions are pure and take `option` [T, N] and `alive` [T, N] as `Trajectories` hold them:
-option numbers, and whether the step belongs to the episode. An activation is a run of steps under
-one option; the episode's end cuts the last one short, and it counts as long as it lasted.
+The functions of episodes are pure and take `option` [T, N] and `alive` [T, N] as `Trajectories`
+hold them: option numbers, and whether the step belongs to the episode. An activation is a run of
+steps under one option; the episode's end cuts the last one short, and it counts as long as it
+lasted.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
+from hitmdp_jax.agents.base import Agent
+from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.visited_states import by_option
 from hitmdp_jax.learning.options import mean_duration
 
@@ -21,6 +23,18 @@ class Activations(NamedTuple):
     option: np.ndarray  # [M] int
     start: np.ndarray  # [M] int, the first step
     duration: np.ndarray  # [M] int, steps
+
+
+def number_of_options(agent: Agent) -> int:
+    """Return K.
+
+    Raises:
+      UsageError: the agent has no options, or none that can be chosen from outside.
+    """
+    number, kind = getattr(agent, "num_options", None), type(agent)
+    if not isinstance(number, int) or kind.policy is Agent.policy:
+        raise UsageError(f"{kind.__name__} has no options to look into.")
+    return number
 
 
 def activations(option: ArrayLike, alive: ArrayLike) -> list[Activations]:
@@ -49,12 +63,6 @@ def usage(option: ArrayLike, alive: ArrayLike, num_options: int) -> np.ndarray:
     return np.bincount(taken, minlength=num_options) / taken.size
 
 
-def switch_rate(option: ArrayLike, alive: ArrayLike) -> float:
-    """Return how often a step takes another option than the one before it; NaN if none has one."""
-    before, after = _pairs(option, alive)
-    return float((before != after).mean()) if before.size else np.nan
-
-
 def transition_matrix(option: ArrayLike, alive: ArrayLike, num_options: int) -> np.ndarray:
     """Return the share of steps under option j among those that follow one under i, [K, K].
 
@@ -72,19 +80,8 @@ def mean_after(option: ArrayLike, alive: ArrayLike, values: ArrayLike) -> np.nda
     return by_option(np.asarray(values)[1:][both], np.asarray(option)[:-1][both])
 
 
-def effective_number(usage: ArrayLike) -> np.ndarray:
-    """Return exp of the entropy of a usage [..., K]: K if all options are used alike, 1 if one."""
-    return np.exp(stats.entropy(usage, axis=-1))
-
-
 def _activated(option: np.ndarray, alive: np.ndarray) -> np.ndarray:
     """Return which steps [T, N] start an activation."""
     switched = np.diff(option, axis=0, prepend=option[:1]) != 0
     switched[:1] = True
     return switched & alive
-
-
-def _pairs(option: ArrayLike, alive: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Return the options of every two steps in a row of an episode."""
-    option, both = np.asarray(option), np.asarray(alive, bool)[1:]
-    return option[:-1][both], option[1:][both]

@@ -12,7 +12,7 @@ import hitmdp_jax
 from hitmdp_jax.agents import AHP, DAC, IOPG, MOPG, OC, PPO, PPOC
 from hitmdp_jax.envs.suites.toy.turkey import Turkey
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.interpret.evaluation import score
+from hitmdp_jax.interpret.evaluation import score_each
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.video.rendering import Painter
 from tests.probes import Target, untrained
@@ -211,7 +211,8 @@ def act(obs):
 
 
 def scored(engine="mjx", episodes=1):
-    return score(hitmdp_jax.load("run"), {"name": "hopper"}, engine, episodes, jax.random.key(0))
+    key = jax.random.key(0)
+    return score_each(hitmdp_jax.load("run"), {"name": "hopper"}, engine, episodes, [key])
 
 
 @pytest.mark.usefixtures("unchanged")

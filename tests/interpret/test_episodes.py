@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from brax.training.acme import running_statistics
 
-from hitmdp_jax.agents import AHP, MOPG, PPO
+from hitmdp_jax.agents import AHP, IOPG, MOPG, PPO
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.episodes import run_episodes, run_in_gymnasium
-from tests.probes import Counter, Target, spec_of_sizes, untrained_policy
+from tests.interpret.known_returns import Payment, obvious
+from tests.probes import Counter, spec_of_sizes, untrained_policy
 from tests.programs import compiled
 
 PENDULUM = {"name": "invertedpendulum"}
@@ -106,24 +107,43 @@ def test_each_environment_records_its_first_whole_episode_alone(key):
 
 
 def test_the_time_limit_truncates(key):
-    recorded = jax.device_get(run_episodes(untrained(PPO(**SMALL), 2, 1, key), Counter(), key, 2))
-    np.testing.assert_array_equal(recorded.lengths, [5, 5])
+    recorded = jax.device_get(run_episodes(obvious(), Payment(), key, 2))
+    np.testing.assert_array_equal(recorded.lengths, [7, 7])
     assert recorded.truncated.all()
-    np.testing.assert_array_equal(recorded.obs[:, 0, 0], np.arange(5))
+    np.testing.assert_array_equal(recorded.obs[:, 0, 1], np.arange(7))
 
 
-def test_a_policy_without_options_records_none(key):
-    recorded = jax.device_get(run_episodes(untrained(PPO(**SMALL), 1, 1, key), Target(), key, 2))
+def test_a_policy_without_options_records_none_and_a_task_without_physics_says_so(key):
+    policy = untrained(PPO(**SMALL), 2, 1, key)
+    recorded = jax.eval_shape(lambda policy: run_episodes(policy, Counter(), key, 2), policy)
     assert recorded.option is None
     assert recorded.option_probs is None
+    with pytest.raises(UsageError, match="no MuJoCo state"):
+        run_episodes(policy, Counter(), key, 1, physics=True)
 
 
-def test_an_option_is_told_from_what_else_an_agent_notes(key):
-    recorded = jax.device_get(
-        run_episodes(untrained(AHP(num_options=3, **SMALL), 2, 1, key), Counter(), key, 2)
-    )
-    assert recorded.option.shape == (5, 2)
-    np.testing.assert_allclose(recorded.option_probs.sum(-1), np.ones((5, 2)), rtol=1e-5)
+@pytest.mark.parametrize("agent", [MOPG, AHP, IOPG])
+def test_its_own_choices_as_given_options_repeat_an_episode(agent, key):
+    policy, env = untrained(agent(num_options=3, **SMALL), 2, 1, key), Payment()
+
+    @compiled
+    def run_twice(policy):
+        own = run_episodes(policy, env, key, 4)
+        return own, run_episodes(policy, env, key, 4, options=own.option)
+
+    own, again = run_twice(policy)
+    assert len(np.unique(own.option)) > 1
+    np.testing.assert_allclose(own.option_probs.sum(-1), np.ones((7, 4)), rtol=1e-5)
+    np.testing.assert_array_equal(again.option, own.option)
+    np.testing.assert_allclose(again.action, own.action, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(again.reward, own.reward, rtol=1e-4, atol=1e-5)
+
+
+def test_given_options_decide(key):
+    options = jnp.array([[2, 0], [1, 1], [0, 2], [2, 0], [1, 1], [0, 2], [2, 0]])
+    recorded = jax.device_get(run_episodes(obvious(), Payment(), key, 2, options=options))
+    np.testing.assert_array_equal(recorded.option, options)
+    np.testing.assert_allclose(recorded.returns, [8, 6], atol=1e-4)
 
 
 def test_deterministic_episodes_take_the_likeliest_option(key):
@@ -132,39 +152,16 @@ def test_deterministic_episodes_take_the_likeliest_option(key):
     np.testing.assert_array_equal(recorded.option, recorded.option_probs.argmax(-1))
 
 
-def test_policies_of_many_seeds_are_recorded_at_once(key):
-    env, keys = Staircase(), jax.random.split(key, 2)
-
-    @jax.jit
-    def record_each(keys):
-        policies = jax.vmap(lambda key: untrained(MOPG(**SMALL), 2, 1, key))(keys)
-        return policies, jax.vmap(lambda policy, key: run_episodes(policy, env, key, 3))(
-            policies, keys
-        )
-
-    policies, together = jax.device_get(record_each(keys))
-    assert together.option_probs.shape == (2, 5, 3, 4)
-    for i in range(2):
-        alone = jax.device_get(
-            run_episodes(jax.tree.map(lambda x, i=i: x[i], policies), env, keys[i], 3)
-        )
-        np.testing.assert_array_equal(together.lengths[i], alone.lengths)
-        np.testing.assert_array_equal(together.option[i], alone.option)
-        np.testing.assert_allclose(together.returns[i], alone.returns)
-
-
-def test_a_task_without_physics_says_so(key):
-    with pytest.raises(UsageError, match="no MuJoCo state"):
-        run_episodes(untrained(PPO(**SMALL), 2, 1, key), Counter(), key, 1, physics=True)
-
-
-@pytest.mark.parametrize("name", ["toy/turkey", "dmc/cheetah_run", "brax/ant"])
-def test_gymnasium_has_its_own_tasks_alone(name, policy, key):
-    with pytest.raises(UsageError, match=f"Gymnasium has no environment '{name}'"):
-        run_in_gymnasium(policy, {"name": name}, key, 1)
-
-
-@pytest.mark.parametrize("ours", [{"hide_velocities": True}, {"action_repeat": 2}])
-def test_gymnasium_has_no_keywords_of_ours(ours, policy, key):
-    with pytest.raises(UsageError, match=f"Gymnasium has no {next(iter(ours))}; use --engine"):
-        run_in_gymnasium(policy, PENDULUM | ours, key, 1)
+@pytest.mark.parametrize(
+    ("task", "what"),
+    [
+        ({"name": "toy/turkey"}, "environment 'toy/turkey'"),
+        ({"name": "dmc/cheetah_run"}, "environment 'dmc/cheetah_run'"),
+        ({"name": "brax/ant"}, "environment 'brax/ant'"),
+        (PENDULUM | {"hide_velocities": True}, "hide_velocities; use --engine"),
+        (PENDULUM | {"action_repeat": 2}, "action_repeat; use --engine"),
+    ],
+)
+def test_gymnasium_has_its_own_tasks_alone(task, what, policy, key):
+    with pytest.raises(UsageError, match=f"Gymnasium has no {what}"):
+        run_in_gymnasium(policy, task, key, 1)

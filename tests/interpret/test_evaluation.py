@@ -1,4 +1,3 @@
-import functools
 import warnings
 from typing import Any
 
@@ -10,65 +9,50 @@ import pytest
 from hitmdp_jax.agents import MOPG
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret import evaluation
-from hitmdp_jax.interpret.episodes import run_episodes
-from hitmdp_jax.interpret.evaluation import Scores, score, score_each, score_in_jax
+from hitmdp_jax.interpret.episodes import run_episodes, run_in_gymnasium
+from hitmdp_jax.interpret.evaluation import Scores, score_each
 from tests.probes import Counter, spec_of_sizes, untrained_policy
 
 PENDULUM = {"name": "invertedpendulum"}
+KEYS = jax.random.split(jax.random.key(0), 3)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1))
-def untrained(observation_size, action_size, key):
-    spec = spec_of_sizes(observation_size, action_size)
-    return untrained_policy(MOPG(hidden_sizes=(8,), spec=spec), key)
-
-
-def test_each_environment_scores_its_first_whole_episode(key):
-    scores = score_in_jax(untrained(2, 1, key), Counter(), 3, key)
-    np.testing.assert_array_equal(scores.returns, [5.0, 5.0, 5.0])
-    np.testing.assert_array_equal(scores.lengths, [5, 5, 5])
+def untrained(observation_size, keys=KEYS):
+    """The policies of several trainings, as they are loaded."""
+    agent = MOPG(hidden_sizes=(8,), spec=spec_of_sizes(observation_size, 1))
+    return jax.jit(jax.vmap(lambda key: untrained_policy(agent, key)))(keys)
 
 
 class Arrives(Counter):
     """Reaches its goal at the fifth step, where the observed serial number is below a half."""
+
+    traces = 0  # how often a program that steps it was traced, and so compiled
 
     def reset(self, rng):
         state: Any = super().reset(rng)
         return state.replace(metrics={"success": jnp.zeros(())})
 
     def step(self, state, action):
+        Arrives.traces += 1
         state = super().step(state, action)
         reached = (state.obs[0] >= 5) & (state.obs[1] < 0.5)
         return state.replace(metrics={"success": reached.astype(float)})
 
 
-def test_an_episode_succeeds_where_its_task_says_so_by_its_end(key):
-    policy = untrained(2, 1, key)
-    scores = score_in_jax(policy, Arrives(), 32, key)
-    recorded = run_episodes(policy, Arrives(), key, 32)
-    np.testing.assert_array_equal(scores.success, recorded.obs[0, :, 1] < 0.5)
-    assert scores.success is not None
-    assert 0 < scores.success.mean() < 1
-    assert score_in_jax(policy, Counter(), 3, key).success is None
-
-
-class CountsTraces(Counter):
-    """How often a program that steps it was traced, and so compiled."""
-
-    traces = 0
-
-    def step(self, state, action):
-        CountsTraces.traces += 1
-        return super().step(state, action)
-
-
-def test_all_seeds_of_a_run_share_one_compilation(key, monkeypatch):
-    monkeypatch.setattr(evaluation, "make_env", lambda **_: CountsTraces())
-    traces = []
-    for seed_key in jax.random.split(key, 2):
-        score(untrained(2, 1, seed_key), {"name": "halfcheetah"}, "warp", 3, seed_key)
-        traces.append(CountsTraces.traces)
-    assert traces[0] == traces[1] > 0
+def test_policies_side_by_side_score_as_each_alone_in_one_compilation(monkeypatch):
+    monkeypatch.setattr(evaluation, "make_env", lambda **_: Arrives())
+    policies, task = untrained(2), {"name": "halfcheetah"}
+    together = score_each(policies, task, "warp", 32, list(KEYS))
+    env = evaluation.task_env(task, "warp")
+    for i, scores in enumerate(together):
+        alone = run_episodes(policies.of(i), env, KEYS[i], 32)
+        np.testing.assert_array_equal(scores.returns, np.full(32, 5.0))
+        np.testing.assert_array_equal(scores.lengths, np.full(32, 5))
+        np.testing.assert_array_equal(scores.success, alone.obs[0, :, 1] < 0.5)
+        assert 0 < scores.success.mean() < 1
+    before = Arrives.traces
+    score_each(jax.tree.map(lambda x: -x, policies), task, "warp", 32, list(KEYS))
+    assert Arrives.traces == before > 0
 
 
 def test_a_single_episode_has_no_standard_error():
@@ -79,33 +63,25 @@ def test_a_single_episode_has_no_standard_error():
     assert Scores(np.array([1.0, 3.0]), np.array([5, 5])).standard_error == pytest.approx(1.0)
 
 
-def test_engines_and_gymnasium_agree(key):
+def test_engines_and_gymnasium_agree():
     """An untrained policy drops the pole after a few steps, in every engine alike."""
-    policy = untrained(4, 1, key)
-    scores = {e: score(policy, PENDULUM, e, 64, key) for e in ("native", "gymnasium")}
-    native, gymnasium = scores["native"], scores["gymnasium"]
+    policies = untrained(4, KEYS[:1])
+    scores = [score_each(policies, PENDULUM, e, 64, [KEYS[0]])[0] for e in ("native", "gymnasium")]
+    native, gymnasium = scores
     difference = abs(native.returns.mean() - gymnasium.returns.mean())
     assert difference < 3 * np.hypot(native.standard_error, gymnasium.standard_error)
-    for s in scores.values():
+    for s in scores:
         # v5 gives 1 for every step but the one that ends the episode.
         np.testing.assert_array_equal(s.returns, s.lengths - 1)
+    expected = run_in_gymnasium(policies.of(0), PENDULUM, KEYS[0], 64)
+    np.testing.assert_array_equal(gymnasium.lengths, expected.lengths)
 
 
-@pytest.mark.parametrize("engine", ["native", "gymnasium"])
-def test_policies_side_by_side_score_as_each_alone(key, engine):
-    keys = list(jax.random.split(key, 3))
-    alone = [untrained(4, 1, k) for k in keys]
-    # What is swept has a training's axis; what is not has none.
-    everyone = jax.tree.map(lambda *x: jnp.stack(x) if np.ndim(x[0]) else x[0], *alone)
-    together = score_each(everyone.of(np.array([2, 0])), PENDULUM, engine, 4, [keys[2], keys[0]])
-    for scores, i in zip(together, (2, 0), strict=True):
-        expected = score(alone[i], PENDULUM, engine, 4, keys[i])
-        np.testing.assert_array_equal(scores.lengths, expected.lengths)
-        np.testing.assert_allclose(scores.returns, expected.returns, rtol=1e-5)
-
-
-def test_mistakes_are_explained(key):
+def test_mistakes_are_explained():
+    policies, keys = untrained(2), list(KEYS)
     with pytest.raises(UsageError, match="did you mean 'gymnasium'"):
-        score(untrained(17, 6, key), PENDULUM, "gymnasum", 1, key)
+        score_each(policies, PENDULUM, "gymnasum", 1, keys)
     with pytest.raises(UsageError, match="episodes = 0 must be a positive whole number"):
-        score(untrained(17, 6, key), PENDULUM, "native", 0, key)
+        score_each(policies, PENDULUM, "native", 0, keys)
+    with pytest.raises(UsageError, match=r"The policy observes arrays \[2\]; the task has .*4"):
+        score_each(policies, PENDULUM, "native", 1, keys)

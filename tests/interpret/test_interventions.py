@@ -28,14 +28,9 @@ from tests.programs import compiled
 STEPS = Payment.episode_length
 
 
-def intervened(num_options, key, num_episodes=5):
-    policy, env = obvious(num_options), Payment()
-    own = jax.device_get(run_episodes(policy, env, key, num_episodes))
-    return own, intervene(policy, env, key, own)
-
-
-def test_each_intervention_earns_what_its_options_do(key):
-    own, found = intervened(3, key)
+def test_each_intervention_earns_what_its_options_do_and_the_summary_says_so(key):
+    own = jax.device_get(run_episodes(obvious(), Payment(), key, 5))
+    found = intervene(obvious(), Payment(), key, own)
     returns = dict(zip(found.names, found.returns, strict=True))
     assert list(returns) == [
         "own choices", "own, shuffled", "uniform choices", "first choice",
@@ -47,26 +42,16 @@ def test_each_intervention_earns_what_its_options_do(key):
     np.testing.assert_allclose(returns["first choice"], STEPS * own.option[0], atol=1e-4)
     for k in range(3):
         np.testing.assert_allclose(returns[f"option {k}"], STEPS * k, atol=1e-4)
+    columns = summary(found)
+    assert columns["best_option"] == pytest.approx(2 * STEPS)
+    assert columns["worst_option"] == pytest.approx(0.0, abs=1e-4)
+    assert columns["own_choices"] == pytest.approx(expected.mean(), abs=1e-4)
+    assert columns["shuffled_choices"] == pytest.approx(expected.mean(), abs=1e-4)
+    assert columns["first_choice"] == pytest.approx(STEPS * own.option[0].mean(), abs=1e-4)
     uniform = returns["uniform choices"]
     np.testing.assert_allclose(uniform, uniform.round(), atol=1e-4)
     assert len(set(uniform.round())) > 1  # chance, another for each episode
     np.testing.assert_array_equal(found.lengths, np.full((7, 5), STEPS))
-
-
-def test_the_summary_names_the_best_and_the_worst_option(key):
-    own, found = intervened(3, key)
-    told = summary(found)
-    assert told["best_option"] == pytest.approx(2 * STEPS)
-    assert told["worst_option"] == pytest.approx(0.0, abs=1e-4)
-    assert told["own_choices"] == pytest.approx(own.option.sum(axis=0).mean(), abs=1e-4)
-    assert told["shuffled_choices"] == pytest.approx(told["own_choices"], abs=1e-4)
-    assert told["first_choice"] == pytest.approx(STEPS * own.option[0].mean(), abs=1e-4)
-
-
-def test_a_single_option_makes_no_difference(key):
-    _, found = intervened(1, key)
-    assert found.names[-1] == "option 0"
-    np.testing.assert_allclose(effects(found).difference, 0.0, atol=1e-4)
 
 
 @given(episodes, padding, st.integers(0, 99))

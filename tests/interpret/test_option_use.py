@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hitmdp_jax.agents import PPO, Agent
+from hitmdp_jax.agents.base import static
+from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.option_use import (
     activations,
     durations,
-    effective_number,
-    switch_rate,
+    number_of_options,
     transition_matrix,
     usage,
 )
@@ -70,12 +72,9 @@ def test_usage_counts_every_step_of_every_episode(episodes, padding):
 
 
 @given(episodes, padding)
-def test_switches_and_transitions_count_pairs_within_episodes(episodes, padding):
+def test_transitions_count_pairs_within_episodes(episodes, padding):
     option, alive = pad(episodes, padding)
     counts = Counter(pairs(episodes))
-    switches = sum(n for (i, j), n in counts.items() if i != j)
-    rate = switches / counts.total() if counts else math.nan
-    assert switch_rate(option, alive) == pytest.approx(rate, nan_ok=True)
     matrix = transition_matrix(option, alive, NUM_OPTIONS)
     for i in range(NUM_OPTIONS):
         total = sum(counts[i, j] for j in range(NUM_OPTIONS))
@@ -83,16 +82,14 @@ def test_switches_and_transitions_count_pairs_within_episodes(episodes, padding)
         np.testing.assert_allclose(matrix[i], expected)
 
 
-@given(st.lists(st.integers(0, 9), min_size=1, max_size=16).filter(any))
-def test_effective_number_lies_between_one_and_the_options_in_use(counts):
-    shares = np.array(counts) / sum(counts)
-    expected = math.exp(-sum(p * math.log(p) for p in shares if p))
-    found = effective_number(shares)
-    assert found == pytest.approx(expected)
-    assert 1 - 1e-9 <= found <= np.count_nonzero(counts) + 1e-9
+class CannotBeAsked(Agent):
+    """Has options, and no policy to ask for under one of them."""
+
+    num_options: int = static(2)
+    init = act = update = None
 
 
-def test_options_used_alike_all_count():
-    np.testing.assert_allclose(
-        effective_number([[0.25] * 4, [0.5, 0.5, 0, 0], [0, 0, 1, 0]]), [4, 2, 1]
-    )
+@pytest.mark.parametrize("agent", [PPO(), CannotBeAsked()], ids=type)
+def test_agents_without_options_say_so(agent):
+    with pytest.raises(UsageError, match=f"{type(agent).__name__} has no options to look into"):
+        number_of_options(agent)
