@@ -1,7 +1,7 @@
 """DeepMind Control as the oracle: its tasks and ours, from the same states under the same actions.
 
-Every domain's test file calls the assertions here. A task that the suite lacks is one of its tasks
-with the reward that the test file states, written with dm_control's own `tolerance`.
+A task that the suite lacks is one of its tasks with the reward that `test_tasks.py` states, written
+with dm_control's own `tolerance`.
 """
 
 import dataclasses
@@ -104,19 +104,17 @@ def assert_steps_agree(
     name: str,
     oracle: Oracle,
     physics,
+    states: tuple[NDArray, NDArray],
     num_steps=4,
     tolerance=1e-3,
-    share=1.0,
-    states: tuple[NDArray, NDArray] | None = None,
 ):
     """Ours gives the oracle's observation and reward at every step.
 
-    The steps start from `states`, random trajectories' by default, and from a trained policy's.
-    `share` of the states must agree; less than all where float32 makes a contact that float64
-    misses. The tolerance is relative to values beyond 1 and absolute below.
+    The steps start from `states` and from a trained policy's. The tolerance is relative to values
+    beyond 1 and absolute below.
     """
     theirs = oracle.load()
-    visited = states or random_states(oracle), trained_states(name)
+    visited = states, trained_states(name)
     qpos, qvel = (np.concatenate(parts) for parts in zip(*visited, strict=True))
     actions = random_actions(theirs, (num_steps, len(qpos)), np.random.default_rng(1))
     first, obs, reward = oracle_steps(oracle, qpos, qvel, actions)
@@ -128,10 +126,10 @@ def assert_steps_agree(
     assert env.action_size == theirs.action_spec().shape[0]
     assert env.dt == theirs.control_timestep()
     assert env.episode_length == round(theirs._step_limit)
-    assert_near(actual.initial_obs, first, tolerance, share, "initial observation")
+    assert_near(actual.initial_obs, first, tolerance, 1.0, "initial observation")
     for step in range(num_steps):
-        assert_near(actual.obs[step], obs[step], tolerance, share, f"observation {step}")
-        assert_near(actual.reward[step], reward[step], tolerance, share, f"reward {step}")
+        assert_near(actual.obs[step], obs[step], tolerance, 1.0, f"observation {step}")
+        assert_near(actual.reward[step], reward[step], tolerance, 1.0, f"reward {step}")
     assert reward.std() > 0, "these states and actions do not tell one reward from another"
     assert not actual.terminated.any()
     assert not actual.terms["unstable"].any()

@@ -1,6 +1,6 @@
 """Gymnasium as the oracle: its tasks and ours, stepped from the same states under the same actions.
 
-Every task's test file calls `assert_steps_agree`; what is compared is written here once.
+What the tests of a suite compare is written here once.
 """
 
 import dataclasses

@@ -6,8 +6,8 @@ import yaml
 
 import hitmdp_jax
 from hitmdp_jax.agents import MOPG, PPO
+from hitmdp_jax.cli.settings import configs
 from hitmdp_jax.envs.suites.toy.turkey import Turkey
-from tests.envs.test_registry import CONFIGS
 
 STUFF, ROAST = jnp.array([-1.0]), jnp.array([1.0])
 PLAY = {
@@ -40,7 +40,7 @@ def test_mopg_learns_to_stuff_then_roast_and_ppo_cannot():
 
     A third of the tuned steps is enough for most seeds; one that finds it shows that it can.
     """
-    tuned = yaml.safe_load((CONFIGS.parent / "tuned" / "toy" / "turkey-mopg.yaml").read_text())
+    tuned = yaml.safe_load((configs() / "tuned" / "toy" / "turkey-mopg.yaml").read_text())
     sizes = {"num_steps": tuned["total_steps"] // 3, "rollout_length": tuned["rollout_length"]}
     keys = jax.random.split(jax.random.key(0), 6)
     returns = {}
