@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from hitmdp_jax.checks import is_positive_whole
 from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.spec import Spec, spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.metrics import REWARD_TERM, describe
 from hitmdp_jax.tracing import difference, is_array, told, traced
@@ -49,17 +50,17 @@ def check_task(env: Any, name: str) -> None:
 
 def _fault_of_sizes(env: Any) -> str | None:
     """Return what is wrong with what the task says of itself, or None."""
+    own = getattr(env, "spec", None)
     for attribute, whose in OTHERS.items():
-        if hasattr(env, attribute) and not hasattr(env, "action_size"):
+        if hasattr(env, attribute) and own is None and not hasattr(env, "action_size"):
             return f"its interface is that of {whose}, and training needs {FORM}"
-    for attribute in ("observation_size", "action_size"):
-        if not hasattr(env, attribute):
-            return f"it has no {attribute}, a positive whole number"
-        size = getattr(env, attribute)
-        if attribute == "observation_size" and isinstance(size, Mapping | tuple | list):
-            return _of_several(size)
-        if not is_positive_whole(size):
-            return f"its {attribute} = {size} must be a positive whole number"
+    if own is not None:
+        if not isinstance(own, Spec):
+            return f"its spec is a {type(own).__name__} and must be a hitmdp_jax.Spec"
+    elif not hasattr(env, "action_size"):
+        return "it has no action_size, a positive whole number, and no spec"
+    elif not is_positive_whole(env.action_size):
+        return f"its action_size = {env.action_size} must be a positive whole number"
     length = getattr(env, "episode_length", 1)
     if not is_positive_whole(length):
         return f"its episode_length = {length} must be a positive whole number"
@@ -92,7 +93,8 @@ def _fault_of_arrays(env: Any) -> str | None:
     for part, x in {"reward": state.reward, "done": state.done, **ends}.items():
         if not is_array(x) or x.shape != () or not _is_real(x):
             return f"its {part} is {told(x)} and must be one number, float32[]"
-    action = jax.ShapeDtypeStruct((env.action_size,), jnp.float32)
+    action = spec_of(env).action
+    action = jax.ShapeDtypeStruct(action.shape, jnp.dtype(action.dtype))
     after = traced(_step_of(env), state, action)
     if type(after) is not type(state):
         return f"its step returns {told(after)} and its reset {told(state)}"
@@ -129,17 +131,13 @@ class _Still:
 def _fault_of_observation(env: Any, obs: Any) -> str | None:
     if not is_array(obs):
         return _of_several(obs) if jax.tree.leaves(obs) else f"its observation is {told(obs)}"
-    if obs.ndim > 1:
-        return (
-            f"it observes an image or a table, {told(obs)}, and a policy reads one row of numbers: "
-            "flatten it"
-        )
     if obs.ndim == 0 or not obs.size:
-        return f"its observation is {told(obs)} and must be a row of numbers"
+        return f"its observation is {told(obs)} and must be a row of numbers, or an array of them"
     if not (_is_real(obs) or jnp.issubdtype(obs.dtype, jnp.bool_)):
         return f"its observation is {told(obs)} and must be of real numbers"
-    if obs.size != env.observation_size:
-        return f"its observation_size = {env.observation_size} and it observes {obs.size} numbers"
+    own = getattr(env, "spec", None)
+    if own is not None and obs.shape != own.observation.shape:
+        return f"its spec says {list(own.observation.shape)} and it observes {told(obs)}"
     return None
 
 
@@ -160,11 +158,6 @@ def _of_several(obs: Any) -> str:
     if isinstance(obs, Mapping):
         names = ", ".join(map(str, obs))
         return f"it observes several arrays ({names}), and a policy reads one: join them"
-    if isinstance(obs, tuple | list) and all(isinstance(x, int) for x in obs):
-        return (
-            f"its observation_size = {obs} is a shape, and a policy reads one row of numbers: "
-            "flatten the observation"
-        )
     return (
         f"it observes several arrays, in a {type(obs).__name__}, and a policy reads one: join them"
     )

@@ -14,7 +14,7 @@ import hitmdp_jax
 from hitmdp_jax.agents import PPO, LearnerState
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.errors import UsageError
-from tests.probes import PlaygroundTarget, Target
+from tests.probes import PlaygroundTarget, Target, spec_of_sizes
 
 SIZES = {"num_steps": 128, "num_envs": 8, "rollout_length": 16}
 
@@ -109,15 +109,7 @@ TASKS = {
     "a dictionary": (task(reset=lambda self, key: {"obs": 0}), "its reset returns a dict"),
     "no pytree": (task(reset=lambda self, key: Unknown()), "JAX knows no parts of its Unknown"),
     # Sizes
-    "no action_size": (type("T", (), {"reset": 0, "step": 0})(), "has no observation_size"),
-    "observation_size=0": (task(observation_size=0), "observation_size = 0 must be a positive"),
-    "observation_size=None": (task(observation_size=None), "observation_size = None must be"),
-    "observation_size=3.0": (task(observation_size=3.0), "observation_size = 3.0 must be"),
-    "observation_size='3'": (task(observation_size="3"), "observation_size = 3 must be"),
-    "observation_size=(8, 8, 3)": (task(observation_size=(8, 8, 3)), "(8, 8, 3) is a shape"),
-    "observation_size=(3,)": (task(observation_size=(3,)), "(3,) is a shape"),
-    "observation_size={}": (task(observation_size={"a": 1, "b": 2}), "several arrays (a, b)"),
-    "observation_size=4": (task(observation_size=4), "= 4 and it observes 3 numbers"),
+    "no action_size": (type("T", (), {"reset": 0, "step": 0})(), "has no action_size"),
     "action_size=0": (task(action_size=0), "action_size = 0 must be a positive whole number"),
     "action_size=-1": (task(action_size=-1), "action_size = -1 must be a positive whole number"),
     "action_size=2.0": (Floating(), "action_size = 2.0 must be a positive whole number"),
@@ -127,8 +119,8 @@ TASKS = {
     "episode_length=inf": (task(episode_length=np.inf), "episode_length = inf must be"),
     "episode_length=None": (task(episode_length=None), "episode_length = None must be"),
     # The observation
-    "an image": (task(first={"obs": zeros(8, 8, 3)}), "an image or a table, float32[8, 8, 3]"),
-    "a table": (task(first={"obs": zeros(1, 3)}), "an image or a table, float32[1, 3]"),
+    "another shape": (task(spec=spec_of_sizes(4, 2)), "its spec says [4] and it observes"),
+    "another spec": (task(spec=(3, 2)), "its spec is a tuple and must be a hitmdp_jax.Spec"),
     "a number": (task(first={"obs": zeros()}), "its observation is float32[] and must be a row"),
     "no number": (task(first={"obs": zeros(0)}), "its observation is float32[0] and must be"),
     "several": (task(first={"obs": {"a": zeros(3), "b": zeros(3)}}), "several arrays (a, b)"),
@@ -301,8 +293,8 @@ def test_good_ones_pass(env, agent):
 
 def test_every_way_to_make_a_task_checks_it(tmp_path, monkeypatch):
     monkeypatch.setattr("hitmdp_jax.envs._registered", {})
-    hitmdp_jax.register_env("mine", functools.partial(task, observation_size=4))
-    with pytest.raises(UsageError, match="'mine' cannot be trained on: its observation_size = 4"):
+    hitmdp_jax.register_env("mine", functools.partial(task, action_size=0))
+    with pytest.raises(UsageError, match="'mine' cannot be trained on: its action_size = 0"):
         hitmdp_jax.make_env("mine", action_repeat=2)
     (tmp_path / "own.py").write_text(
         "from tests.probes import Target\nclass Task(Target):\n    action_size = 0\n"

@@ -2,6 +2,7 @@
 
 import functools
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +23,9 @@ make_train = functools.partial(hitmdp_jax.make_train, **SIZES)
 
 
 class Several(Target):
-    observation_size = {"a": 1, "b": 2}  # noqa: RUF012
+    def reset(self, rng):
+        state: Any = super().reset(rng)
+        return state.replace(obs={"a": state.obs, "b": state.obs})
 
 
 PYTHON = {

@@ -87,13 +87,6 @@ def test_a_playground_environment_trains_as_one_of_brax_does(history):
     np.testing.assert_allclose(metrics["episode_return"], history[1]["episode_return"], rtol=1e-3)
 
 
-def test_observations_of_several_arrays_are_refused():
-    env = PlaygroundTarget()
-    env.observation_size = {"state": 1, "privileged_state": 2}
-    with pytest.raises(UsageError, match="several arrays"):
-        hitmdp_jax.make_train(AGENT, env, **SIZES)
-
-
 def test_a_transfer_keeps_what_was_learned_and_restarts_the_rest(program, history):
     old, fresh = history[0][1], program[0](jax.random.key(9))
     new = transfer(old, fresh)
