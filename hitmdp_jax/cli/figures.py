@@ -24,7 +24,7 @@ from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import FIGURES, check_replaceable, refuse_link, subfolder
 from hitmdp_jax.runs.host import set_up_host
 from hitmdp_jax.runs.policy import places
-from hitmdp_jax.video import film
+from hitmdp_jax.video import filmstrip
 
 EPISODES = 8
 
@@ -100,7 +100,7 @@ def _file(run_dir: Path, name: str) -> Path:
 def _pictures(name: str, analysis: OptionAnalysis) -> Mapping[int, np.ndarray]:
     """Return pictures of the first episode; none, with a warning, where nothing can be drawn."""
     try:
-        return film.pictures(analysis.env, analysis.trajectories)
+        return filmstrip.pictures(analysis.env, analysis.trajectories)
     except UsageError as reason:
         warn(f"{name} shows no pictures: {reason}")
         return {}

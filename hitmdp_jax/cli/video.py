@@ -75,7 +75,8 @@ def _main() -> None:
     for total, steps in zip(recorded.returns, recorded.lengths, strict=True):
         print(f"An episode of {steps:,} steps, return {total:,.1f}.")
     from hitmdp_jax.figures.curves import pixels, save
-    from hitmdp_jax.video.film import animated, filmstrip, write_video
+    from hitmdp_jax.video.film import animated, write_video
+    from hitmdp_jax.video.filmstrip import filmstrip
 
     write_video(path, env, recorded)
     title = f"{choice.config.title}, {choice.training.name}, {choice.env_steps:,} env steps"

@@ -7,7 +7,7 @@ from PIL import Image
 
 from hitmdp_jax.cli.figures import TARGETS
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.video import film
+from hitmdp_jax.video import filmstrip
 from tests.cli.conftest import QUICK
 
 OF_MODELS = {"contraction", "variance"}  # which are drawn of no run
@@ -52,7 +52,7 @@ def test_an_episode_is_a_film_where_pictures_can_be_drawn(command, run_dir, monk
     def fail(*_):
         raise UsageError("no luck.")
 
-    monkeypatch.setattr(film, "Painter", fail)
+    monkeypatch.setattr(filmstrip, "Painter", fail)
     result = command("reproduce", "figure10", run_dir, "--episodes", "2")
     assert result.stderr == "warning: figure10 shows no pictures: no luck.\n"
     with Image.open(path) as bare:
