@@ -29,14 +29,6 @@ def write_run(folder, iterations=30, options=True):
     sink.close()
 
 
-def test_metrics_are_read_by_seed(tmp_path):
-    write_run(tmp_path)
-    metrics = read_metrics(tmp_path)
-    assert metrics["episode_return"].shape == (2, 30)
-    assert np.isnan(metrics["episode_return"][1, 0])
-    assert metrics["episode_return"][1, 3] == 8.0
-
-
 def test_a_killed_run_is_read_up_to_its_last_whole_iteration(tmp_path):
     write_run(tmp_path)
     path = tmp_path / "metrics.csv"
@@ -44,7 +36,10 @@ def test_a_killed_run_is_read_up_to_its_last_whole_iteration(tmp_path):
     row = b"31,3100,0,1.5,10,30,5,0\r\n"
     for torn in (b"31", row, row[:-1], row + b"31,31", row + b"31,3100,1,1."):
         path.write_bytes(text + torn)
-        assert read_metrics(tmp_path)["iteration"].shape == (2, 30)
+        metrics = read_metrics(tmp_path)
+        assert metrics["iteration"].shape == (2, 30)
+        assert np.isnan(metrics["episode_return"][1, 0])
+        assert metrics["episode_return"][1, 3] == 8.0
     assert draw_figures(tmp_path, "a run", "mopg")
 
 
@@ -114,46 +109,48 @@ def transfer():
 RUN = RunMetrics("a", transfer(), "mopg", SWITCH)
 
 
-def curves_of_seeds():
-    (axes,) = learning_curve(transfer(), "a run", "mopg", SWITCH).axes
-    return axes.lines[0].get_xydata()
+def curve_of_seeds(_):
+    return learning_curve(transfer(), "a run", "mopg", SWITCH).axes[0].lines[0].get_xydata()
 
 
-def curves_of_the_comparison(tmp_path):
-    sink = CsvSink(tmp_path, trainings(1))
+def curve_of_a_comparison(folder):
+    sink = CsvSink(folder, trainings(1))
     for i, value in enumerate(transfer()["episode_return"][0], 1):
         sink.write(i, 100 * i, {"episode_return": np.array([value])})
     sink.close()
-    (axes,) = comparison_figure({"ppo": tmp_path}, "two tasks", SWITCH).axes
-    return axes.lines[0].get_xydata()
+    return comparison_figure({"ppo": folder}, "two tasks", SWITCH).axes[0].lines[0].get_xydata()
 
 
-def curves_of_the_page():
-    shown = learning_curves({"a": transfer()}, styles({"a": "mopg"}), {"a": SWITCH})
-    return np.stack([shown.data[0].x, shown.data[0].y], axis=1)
+def curve_of_the_page(_):
+    (curve,) = learning_curves({"a": transfer()}, styles({"a": "mopg"}), {"a": SWITCH}).data
+    return np.stack([curve.x, curve.y], axis=1)
 
 
-def curves_of_options(figure):
-    lasting, shares = figure.axes
+def curve_of_figure_6(_):
+    lasting, shares = find("figure6").draw(RUN).axes
     after = shares.collections[0].get_paths()[0].vertices  # the share of option 0
     after = after[(after[:, 0] > SWITCH) & (after[:, 1] > 0)]
     assert not len(after), "option 0 is drawn where it was no longer followed"
     return lasting.lines[1].get_xydata()
 
 
-CURVES = {
-    "of seeds": lambda _: curves_of_seeds(),
-    "of a comparison": curves_of_the_comparison,
-    "of the page": lambda _: curves_of_the_page(),
-    "of figure 6": lambda _: curves_of_options(find("figure6").draw(RUN)),
-    "of figure 8": lambda _: find("figure8").draw([RUN]).axes[0].lines[1].get_xydata(),
-}
+def curve_of_figure_8(_):
+    return find("figure8").draw([RUN]).axes[0].lines[1].get_xydata()
 
 
-@pytest.mark.parametrize("curves", CURVES.values(), ids=CURVES)
-def test_no_curve_mixes_the_tasks_of_a_transfer(curves, tmp_path):
+@pytest.mark.parametrize(
+    "curve",
+    [
+        curve_of_seeds,
+        curve_of_a_comparison,
+        curve_of_the_page,
+        curve_of_figure_6,
+        curve_of_figure_8,
+    ],
+)
+def test_no_curve_mixes_the_tasks_of_a_transfer(curve, tmp_path):
     """The first point of the second task is as it was measured, 2, and not a mean with 900."""
-    steps, values = np.asarray(curves(tmp_path), float).T
+    steps, values = np.asarray(curve(tmp_path), float).T
     assert values[steps > SWITCH][0] == pytest.approx(2.0)
 
 
@@ -177,7 +174,7 @@ def test_every_seed_is_seen_also_one_that_was_lost():
     assert len(mean.get_ydata()) == 29  # no mean of the survivors
 
 
-@pytest.mark.parametrize("durations", [(1.0, 150.0), (2.0, 9.0), (11.0, 18.0), (3.0, 1e5)])
+@pytest.mark.parametrize("durations", [(2.0, 9.0), (11.0, 18.0), (3.0, 1e5)])
 def test_durations_are_labelled_in_plain_numbers(durations):
     steps = np.full((1, 30), 2048.0)
     metrics = {"env_steps": 2048 * np.arange(30)[None]}

@@ -15,6 +15,7 @@ from hitmdp_jax.figures import scores
 from hitmdp_jax.figures.curves import learning_curve
 from hitmdp_jax.figures.style import ALGORITHMS, OWN, PALETTE, option_color, shades, styles
 from hitmdp_jax.report.interactive import learning_curves
+from hitmdp_jax.runs import folder
 from hitmdp_jax.runs.sinks import CsvSink
 from tests.cli.conftest import CHECKOUT
 from tests.probes import trainings
@@ -112,24 +113,16 @@ def test_an_arm_looks_the_same_whatever_stands_beside_it():
         assert styles({"other": algorithm, arm: algorithm})[arm] == together[arm]
 
 
-def runs_of(folder, names):
-    for name in names:
-        (folder / name).mkdir()
-        sink = CsvSink(folder / name, trainings())
-        for i in range(1, 4):
-            returns = {"episode_return": np.array([1.0, 2.0]), "episodes": np.ones(2)}
-            sink.write(i, 2048 * i, returns)
-        sink.close()
-    return {name: folder / name for name in names}
-
-
 def test_ppo_has_its_colour_in_every_picture(tmp_path):
-    """Last and first of a comparison, alone, in a sweep, in published tables and on pages."""
+    """In a comparison, alone, in a sweep, in published tables and on pages."""
     wanted = {ALGORITHMS["ppo"]}
-    for i, names in enumerate((["mopg", "ppo"], ["ppo", "mopg"])):
-        (folder := tmp_path / str(i)).mkdir()
-        (axes,) = comparison_figure(runs_of(folder, names), "tasks").axes
-        assert {line.get_color() for line in axes.lines if line.get_label() == "ppo"} == wanted
+    for name in ("mopg", "ppo"):
+        sink = CsvSink(folder.made(tmp_path / name), trainings())
+        sink.write(1, 2048, {"episode_return": np.array([1.0, 2.0]), "episodes": np.ones(2)})
+        sink.close()
+    runs = {name: tmp_path / name for name in ("mopg", "ppo")}
+    (axes,) = comparison_figure(runs, "tasks").axes
+    assert {line.get_color() for line in axes.lines if line.get_label() == "ppo"} == wanted
     steps = np.tile(2048.0 * np.arange(1, 31), (2, 1))
     metrics = {"env_steps": steps, "episode_return": steps, "seed": np.array([[0.0], [1.0]])}
     (axes,) = learning_curve(metrics, "a run", "ppo").axes

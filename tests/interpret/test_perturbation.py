@@ -21,11 +21,11 @@ def untrained(agent, key):
     return policy.replace(params=params)
 
 
-@pytest.fixture(scope="module", params=["equal", "normal"])
-def case(request):
+@pytest.fixture(scope="module")
+def case():
     agent = MOPG(
         num_options=3, embedding_size=4, hidden_sizes=(8,), activation="tanh",
-        embeddings=request.param, option_scale=1.0,
+        option_scale=1.0,
     )  # fmt: skip
     policy = jax.jit(lambda key: untrained(agent, key))(jax.random.key(0))
     return policy, perturb(policy, STATES)

@@ -5,6 +5,7 @@ import re
 from html.parser import HTMLParser
 
 import numpy as np
+from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
 from hitmdp_jax.cli.settings import Settings
@@ -13,6 +14,7 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.experiments.comparison_page import comparison_page
 from hitmdp_jax.figures.embeddings import limit_of_changes
 from hitmdp_jax.report.interactive import explorer
+from hitmdp_jax.report.page import drawing
 from hitmdp_jax.report.run_report import RunReport
 from hitmdp_jax.runs.sinks import CsvSink
 from tests.interpret.analyses import analysis_of_embeddings
@@ -78,6 +80,18 @@ def test_the_explorers_chart_ends_where_the_noise_of_the_actions_does():
     assert "range: [-1.05 * found.limit, 1.05 * found.limit]" in part
 
 
+def test_a_drawing_is_a_picture_of_its_own_and_the_same_every_time():
+    figure = Figure()
+    figure.suptitle("<script>alert(1)</script>")
+    parts = {drawing(figure, '"><script>') for _ in range(2)}
+    assert len(parts) == 1
+    assert re.fullmatch(
+        r'<img class="drawing" alt="&#34;&gt;&lt;script&gt;" '
+        r'src="data:image/svg\+xml;base64,[\w+/=]+">',
+        parts.pop(),
+    )
+
+
 class Tags(HTMLParser):
     """Every start and end of an element, as a browser finds them, and what scripts hold."""
 
@@ -115,7 +129,7 @@ def pages_of_a_stranger(folder, name):
         env=config.env | {"name": name},
         sweep={name: [0.9, 0.99]},
     )
-    known = copy.copy(analysis_of_embeddings(9))
+    known = copy.copy(analysis_of_embeddings(1))
     known.__dict__["spec"] = Spec(
         Observation((2,), names=(name, name)), Box((0.0,), (1.0,), (name,))
     )
