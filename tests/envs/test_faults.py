@@ -14,7 +14,7 @@ LOST = 3
 
 
 @pytest.fixture(
-    scope="module", params=[("halfcheetah", "native"), ("ant", "native"), ("halfcheetah", "mjx")]
+    scope="module", params=[("halfcheetah", "native"), ("ant", "native"), ("reacher", "mjx")]
 )
 def batch(request):
     """Return the compiled step, the states of 8 environments and their actions."""

@@ -54,75 +54,66 @@ def solver_of(model):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_every_engine_steps_as_mujoco_does_under_x64(engine):
-    """Whatever JAX's default is, MuJoCo C reads the memory that it was given as what it is."""
+def test_current_fields_are_those_of_the_state_reached(engine):
+    """A ball falls 0.1 s. Under x64: MuJoCo C reads the memory that it was given as what it is."""
+    ball = falling_ball("Euler")
     with jax.enable_x64(True):
-        test_every_engine_steps_as_mujoco_does(engine, "Euler", True)
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize(
-    ("integrator", "current_fields"), [("Euler", False), ("Euler", True), ("RK4", False)]
-)
-def test_every_engine_steps_as_mujoco_does(engine, integrator, current_fields):
-    """A ball falls 0.1 s, freely: all engines and MuJoCo C agree on where it is."""
-    ball = falling_ball(integrator)
-    physics = find_engine(engine).build(ball, 50, ("xpos",), current_fields)
-    assert physics.name == engine
-    assert physics.frame_skip == 50
+        physics = find_engine(engine).build(ball, 50, ("xpos",), current_fields=True)
+        start = jax.jit(physics.initial)(ball.qpos0, np.zeros(ball.nv))
+        after = jax.jit(physics.step)(start, start.ctrl)
     data = mujoco.MjData(ball)
-    start = jax.jit(physics.initial)(data.qpos, data.qvel)
-    mujoco.mj_forward(ball, data)
-    np.testing.assert_allclose(start["xpos"], data.xpos)
-    after = jax.jit(physics.step)(start, start.ctrl)
     mujoco.mj_step(ball, data, 50)
-    if current_fields:
-        mujoco.mj_forward(ball, data)
-    np.testing.assert_allclose(after.qpos, data.qpos, atol=1e-5)
-    np.testing.assert_allclose(after.qvel, data.qvel, atol=1e-5)
-    np.testing.assert_allclose(after["xpos"], data.xpos, atol=1e-5)
+    mujoco.mj_forward(ball, data)
+    assert_state_is(after, data)
     np.testing.assert_allclose(after.displacement, after.qpos - start.qpos, atol=1e-6)
-    assert not after.unstable
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
-def test_external_forces_are_those_of_mujoco(engine, integrator):
-    """They are of the last substep's data, with RK4 its last stage's, and zero before any."""
+def test_derived_fields_are_those_of_the_last_substep(engine, integrator):
+    """With RK4, of its last stage; external forces are zero before any."""
     model = mujoco.MjModel.from_xml_string(LANDING.format(integrator))
-    physics = find_engine(engine).build(model, 3, ("cfrc_ext",))
+    physics = find_engine(engine).build(model, 3, ("cfrc_ext", "xpos"))
+    assert (physics.name, physics.frame_skip) == (engine, 3)
     data = mujoco.MjData(model)
     start = jax.jit(physics.initial)(data.qpos, data.qvel)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(start["xpos"], data.xpos, atol=1e-7)
     np.testing.assert_array_equal(start["cfrc_ext"], 0.0)
     after = jax.jit(physics.step)(start, start.ctrl)
+    mujoco.mj_resetData(model, data)
     mujoco.mj_step(model, data, 3)
     mujoco.mj_rnePostConstraint(model, data)
     assert np.abs(data.cfrc_ext[1]).max() > 50.0
     np.testing.assert_allclose(after["cfrc_ext"], data.cfrc_ext, rtol=1e-3, atol=0.01)
-    np.testing.assert_allclose(after.qvel, data.qvel, atol=1e-4)
+    assert_state_is(after, data)
 
 
-def mjx_programs(name):
-    """Return the lines of what XLA is given of a task: of its reset and of its step."""
-    env = make_env(name, physics="mjx")
+def assert_state_is(state, data):
+    """A state, its positions of bodies among it, is that of MuJoCo C."""
+    np.testing.assert_allclose(state.qpos, data.qpos, atol=1e-5)
+    np.testing.assert_allclose(state.qvel, data.qvel, atol=1e-4)
+    np.testing.assert_allclose(state["xpos"], data.xpos, atol=1e-5)
+    assert not state.unstable
+
+
+def test_mjx_gives_xla_what_every_device_compiles_and_computes_alike():
+    """Full precision, where a GPU would round factors to ten bits; and no empty arrays.
+
+    Empty constants crash the compiler of jaxlib 0.11 where a program is spread over devices.
+    """
+    env = make_env("ant", physics="mjx")  # of whose states some fields are derived
     state = jax.eval_shape(env.reset, jax.random.key(0))
     action = jax.ShapeDtypeStruct((env.action_size,), "float32")
-    lowered = jax.jit(env.reset).lower(jax.random.key(0)), jax.jit(env.step).lower(state, action)
-    return [program.as_text().splitlines() for program in lowered]
-
-
-def test_mjx_multiplies_at_full_precision_on_every_device():
-    """Where MJX leaves it open, a GPU would round factors to ten bits."""
-    for program in mjx_programs("ant"):  # of whose states some fields are derived
-        products = [line for line in program if "stablehlo.dot_general" in line]
+    for program in (
+        jax.jit(env.reset).lower(jax.random.key(0)),
+        jax.jit(env.step).lower(state, action),
+    ):
+        lines = program.as_text().splitlines()
+        products = [line for line in lines if "stablehlo.dot_general" in line]
         assert products
         assert all("precision = [HIGHEST, HIGHEST]" in line for line in products)
-
-
-def test_mjx_closes_over_no_empty_array():
-    """They crash the compiler of jaxlib 0.11 where a program is spread over devices."""
-    for program in mjx_programs("halfcheetah"):
-        constants = [line for line in program if "stablehlo.constant" in line]
+        constants = [line for line in lines if "stablehlo.constant" in line]
         assert constants
         assert not [line for line in constants if re.search(r"tensor<(\d+x)*0x", line)]
 

@@ -1,62 +1,8 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from hitmdp_jax import make_env
-from hitmdp_jax.envs.suites.maze.maps import FOUR_ROOMS
-from tests.envs.suites.maze.parity import (
-    Oracle,
-    as_numbers,
-    assert_initial_states_agree,
-    assert_limits_agree,
-    assert_steps_agree,
-)
-
-# Gymnasium-Robotics has no four rooms, but takes a map.
-MAZES = {
-    "maze/point_umaze": Oracle("PointMaze_UMaze-v3"),
-    "maze/point_medium": Oracle("PointMaze_Medium-v3"),
-    "maze/point_fourrooms": Oracle("PointMaze_Large-v3", as_numbers(FOUR_ROOMS)),
-}
-HOW = {"reach": 0.1, "hold": 20}
-
-
-@pytest.mark.parametrize("name", MAZES)
-def test_native_steps_as_gymnasium_robotics(name):
-    assert_steps_agree(name, MAZES[name], "native", **HOW)
-
-
-def test_dense_reward_and_an_end_at_the_goal_are_gymnasium_robotics():
-    assert_steps_agree(
-        "maze/point_umaze",
-        MAZES["maze/point_umaze"],
-        "native",
-        **HOW,
-        reward_type="dense",
-        continuing_task=False,
-    )
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "maze/point_umaze",
-        *(pytest.param(n, marks=pytest.mark.slow) for n in list(MAZES)[1:]),
-    ],
-)
-def test_mjx_steps_as_gymnasium_robotics(name):
-    assert_steps_agree(name, MAZES[name], "mjx", **HOW, num_steps=2)
-
-
-@pytest.mark.parametrize("name", MAZES)
-def test_initial_states_are_gymnasium_robotics(name):
-    assert_initial_states_agree(name, MAZES[name])
-
-
-@pytest.mark.parametrize("name", list(MAZES)[:2])
-def test_time_limits_are_gymnasium_robotics(name):
-    assert_limits_agree(name, MAZES[name])
 
 
 def test_success_stays_for_the_rest_of_the_episode_and_the_goal_where_it_is():
