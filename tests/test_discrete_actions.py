@@ -11,7 +11,8 @@ import hitmdp_jax
 from hitmdp_jax.agents import DAC, IOPG, MOPG, PPO
 from hitmdp_jax.envs.spec import Discrete, Observation, Spec
 from hitmdp_jax.export.program import export
-from hitmdp_jax.interpret.evaluation import score_in_jax
+from hitmdp_jax.interpret.episodes import run_episodes
+from hitmdp_jax.interpret.evaluation import check_fit
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from tests.probes import untrained_policy
 
@@ -60,8 +61,9 @@ def test_a_task_of_choices_is_learned_saved_scored_and_exported(agent, tmp_path)
     hitmdp_jax.save(tmp_path / "run", agent, state)
     policy = hitmdp_jax.load(tmp_path / "run")
     assert policy.spec == env.spec == hitmdp_jax.spec_of(env)
-    scores = score_in_jax(policy, env, 16, jax.random.key(1))
-    assert 0 <= scores.returns.min() < scores.returns.max() <= 5
+    check_fit(policy, env)
+    returns = run_episodes(policy, env, jax.random.key(1), 16).returns
+    assert 0 <= returns.min() < returns.max() <= 5
     content, contract = export(policy, "stablehlo")
     assert contract["action_names"] == ["left", "stay", "right"]
     key = jax.random.key(2)
@@ -76,6 +78,8 @@ def test_a_task_of_choices_is_learned_saved_scored_and_exported(agent, tmp_path)
         )
     )
     np.testing.assert_array_equal(found["action"], action)
+    np.testing.assert_array_equal(found["action_logits"].argmax(-1), action)
+    assert ("option_logits" in found) == hasattr(agent, "num_options")
 
 
 def test_what_options_do_to_choices_is_told():

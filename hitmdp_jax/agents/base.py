@@ -213,11 +213,11 @@ class Agent(abc.ABC):
         """Return P(o_t | s_t, o_{t-1}) [..., K] for normalised observations [..., O], or None."""
         return None
 
-    def policy(self, params: Any, obs: jax.Array, option: jax.Array) -> Any:
+    def policy(self, params: Any, obs: jax.Array, option: Any) -> Any:
         """Return P(a | s, o), a distribution of Distrax, for normalised observations [..., O].
 
         The options [...] may be other ones than the agent would take; observations and options
-        broadcast. Without options it is P(a | s), whichever is named; None where nobody says.
+        broadcast. Without options it is P(a | s), whatever is named; None where nobody says.
         """
         return None
 

@@ -50,7 +50,7 @@ class PPO(ScaledAgent):
         """Return the policy, a distribution, and the value [...] of obs [..., O]."""
         return self.network().apply({"params": params}, obs)
 
-    def policy(self, params: Any, obs: jax.Array, option: jax.Array | None = None) -> Any:
+    def policy(self, params: Any, obs: jax.Array, option: Any = None) -> Any:
         """Return P(a | s), a distribution, for obs [..., O]; there are no options."""
         return self.heads(params, obs)[0]
 

@@ -2,8 +2,8 @@
 
 Writes a policy, with its observation normaliser, as a program that needs nothing of this package,
 and beside it a contract in JSON: names, shapes and types of what goes in and comes out, the range
-of actions and the seconds between two of them. The policy is the deterministic one, which takes the
-likeliest option and action, unless `--stochastic` asks for the one that learned.
+of actions and the seconds between two of them. The program takes the likeliest option and action,
+and says how likely the others are.
 """
 
 import json
@@ -29,23 +29,19 @@ def _main() -> None:
     parser = Parser(prog="python -m hitmdp_jax export", description=__doc__)
     add_choice(parser)
     parser.add_argument("--format", default=FORMATS[0], help=f"{' or '.join(FORMATS)}; onnx")
-    parser.add_argument(
-        "--stochastic", action="store_true", help="sample, by noise that the caller hands over"
-    )
     parser.add_argument("--out", type=Path, help="the file; RUN_DIR/export/policy_STEPS.FORMAT")
     options = parser.parse_args()
     check_format(options.format)
     config = RunConfig.load(options.run_dir, options.trust)
     set_up_host(config.physics, 1)
     choice = load_chosen(options)
-    kind = "stochastic_policy" if options.stochastic else "policy"
-    name = f"{kind}_{choice.name}.{options.format}"
+    name = f"policy_{choice.name}.{options.format}"
     path = options.out or subfolder(options.run_dir, EXPORT) / name
     beside = path.with_name(f"{path.name}.json")
     for file in (path, beside):
         writable("--out", file)
     made(path.parent)
-    program, contract = export(choice.policy, options.format, options.stochastic)
+    program, contract = export(choice.policy, options.format)
     origin = {
         "task": choice.task if config.tasks else None,
         "algorithm": config.algo["name"],

@@ -9,24 +9,26 @@ from typing import Any, NamedTuple
 import jax
 import jax.export
 import jax.numpy as jnp
+from jax.extend import core
+from jax.interpreters.partial_eval import dce_jaxpr
 
+from hitmdp_jax.envs.spec import Discrete
 from hitmdp_jax.errors import UsageError, missing_extra, unknown_name
-from hitmdp_jax.export.draws import without_key
+from hitmdp_jax.networks.action_heads import noise_of, vector_of
 from hitmdp_jax.runs.policy import Policy
 
 FORMATS = ("onnx", "stablehlo")
 PLATFORMS = ("cpu", "cuda")  # of a StableHLO program
 BATCH = "batch"  # the first axis of whatever goes in and comes out; of any length
-SCHEMA = 1  # of the contract
+SCHEMA = 2  # of the contract
 
 
 class Program(NamedTuple):
     """A policy as a function of arrays, each with a batch axis in front."""
 
     function: Callable[..., list[jax.Array]]
-    inputs: dict[str, jax.ShapeDtypeStruct]  # by name, in order; noise last
+    inputs: dict[str, jax.ShapeDtypeStruct]  # by name, in order
     outputs: dict[str, jax.ShapeDtypeStruct]
-    noise: dict[str, str]  # inputs that make a policy draw -> their distribution
 
 
 def check_format(name: str) -> None:
@@ -41,13 +43,12 @@ def check_format(name: str) -> None:
         raise missing_extra("onnx", "format onnx")
 
 
-def export(policy: Policy, name: str, stochastic: bool = False) -> tuple[bytes, dict[str, Any]]:
-    """Export a policy: the deterministic one, which takes the likeliest option and action, or not.
+def export(policy: Policy, name: str) -> tuple[bytes, dict[str, Any]]:
+    """Export a policy, which takes the likeliest option and action and says what it thinks of them.
 
     Args:
       policy: what is exported.
       name: "onnx", or "stablehlo": what `jax.export.deserialize` reads.
-      stochastic: draw options and actions, by noise that the caller hands over.
 
     Returns:
       The file's content, and its contract, ready to be written as JSON.
@@ -57,7 +58,7 @@ def export(policy: Policy, name: str, stochastic: bool = False) -> tuple[bytes, 
     """
     check_format(name)
     with jax.enable_x64(False):  # under x64, jax2onnx would mix numbers of 32 and of 64 bits
-        program = program_of(policy, stochastic)
+        program = program_of(policy)
         content, versions = {"onnx": to_onnx, "stablehlo": to_stablehlo}[name](program)
         return content, {
             "schema": SCHEMA,
@@ -67,19 +68,13 @@ def export(policy: Policy, name: str, stochastic: bool = False) -> tuple[bytes, 
         }
 
 
-def program_of(policy: Policy, stochastic: bool = False) -> Program:
+def program_of(policy: Policy) -> Program:
     """Return the program of a policy.
 
-    It maps observations, as the task gives them, and what the policy remembers to actions, to what
-    it remembers next and, where it has options, to the options taken. It is pure: what a policy
-    would draw by its key is handed over.
-
-    Args:
-      policy: what is exported.
-      stochastic: draw options and actions instead of taking the likeliest.
-
-    Raises:
-      UsageError: the policy draws something else than standard noise.
+    It maps observations, as the task gives them, and what the policy remembers to the likeliest
+    actions and what is remembered next. What it knows of the alternatives comes out, too: the
+    standard deviation of Gaussian actions, or the logits of choices; and where the policy has
+    options, the one taken and the logits of all.
     """
     key = jax.random.key(0)
     leaves, structure = jax.tree.flatten_with_path(policy.initial_memory(key))
@@ -89,38 +84,42 @@ def program_of(policy: Policy, stochastic: bool = False) -> Program:
         name: jax.ShapeDtypeStruct((batch, *x.shape), x.dtype)
         for name, x in {"obs": obs, **{_name(path): x for path, x in leaves}}.items()
     }
-
-    def step(key: jax.Array, obs: jax.Array, *remembered: jax.Array) -> dict[str, jax.Array]:
-        memory = jax.tree.unflatten(structure, remembered)
-        agent, seen = policy.agent, policy.normalized(obs)
-        action, memory, noted = agent.act(policy.params, seen, memory, key, not stochastic)
-        action = policy.spec.action.clip(action)
-        option = agent.option_of(noted)
-        names = (f"next_{name}" for name in list(inputs)[1:])
-        following = dict(zip(names, jax.tree.leaves(memory), strict=True))
-        if option is None:
-            return {"action": action} | following
-        # A sum: ONNX would have one name for an option that is remembered as it is.
-        return {"action": action} | following | {"option": option + 0}
-
     order: list[str] = []
 
-    def function(key: jax.Array, *arrays: jax.Array) -> tuple[jax.Array, ...]:
-        found = step(key, *arrays)
+    def function(obs: jax.Array, *remembered: jax.Array) -> tuple[jax.Array, ...]:
+        found = _decided(policy, obs, jax.tree.unflatten(structure, remembered))
+        following = jax.tree.leaves(found.pop("memory"))
+        found |= dict(zip((f"next_{name}" for name in list(inputs)[1:]), following, strict=True))
         order[:] = found  # JAX would sort a dictionary's names
         return tuple(found.values())
 
     # Traced here: while jax2onnx traces it puts operations of its own in the place of Flax's and
     # NumPy's, which cannot be vmapped as some networks are.
-    traced, shapes = jax.make_jaxpr(function, return_shape=True)(key, *inputs.values())
-    run, draws = without_key(traced)
-    noise = {f"noise_{i}": each for i, each in enumerate(draws)}
-    return Program(
-        run,
-        inputs | {name: each.shape for name, each in noise.items()},
-        dict(zip(order, shapes, strict=True)),
-        {name: each.distribution for name, each in noise.items()},
-    )
+    traced, shapes = jax.make_jaxpr(function, return_shape=True)(*inputs.values())
+    needed, _ = dce_jaxpr(traced.jaxpr, [True] * len(shapes), instantiate=True)  # no keys
+    run = core.jaxpr_as_fun(core.ClosedJaxpr(needed, traced.consts))
+    return Program(run, inputs, dict(zip(order, shapes, strict=True)))
+
+
+def _decided(policy: Policy, obs: jax.Array, memory: Any) -> dict[str, Any]:
+    """Return what comes out for raw observations [B, ...], and the new memory."""
+    agent, params, seen = policy.agent, policy.params, policy.normalized(obs)
+    key = jax.random.key(0)  # which nothing is drawn by
+    action, after, noted = agent.act(params, seen, memory, key, True)
+    found = {"action": policy.spec.action.clip(action)}
+    option = agent.option_of(noted)
+    chosen = agent.policy(params, seen, option)
+    if chosen is not None and isinstance(policy.spec.action, Discrete):
+        found["action_logits"] = vector_of(chosen)
+    elif chosen is not None:
+        found["action_std"] = noise_of(chosen)
+    if option is not None:
+        # A sum: ONNX would have one name for an option that is remembered as it is.
+        found["option"] = option + 0
+    probs = agent.option_probs(params, seen, memory)
+    if probs is not None:
+        found["option_logits"] = jnp.log(probs)
+    return found | {"memory": after}
 
 
 def to_stablehlo(program: Program) -> tuple[bytes, dict[str, str]]:
@@ -162,7 +161,7 @@ def contract(program: Program, policy: Policy) -> dict[str, Any]:
     """Return what a caller of a program must know.
 
     Of what the policy remembers it says what an episode starts with: `initial` is that value, or
-    one example where an episode draws it at random. Of noise it says the distribution.
+    one example where an episode draws it at random.
     """
     limits, spec = policy.spec.action.limits, policy.spec
     draws = jax.vmap(policy.initial_memory)(jax.random.split(jax.random.key(0), 64))
@@ -170,12 +169,9 @@ def contract(program: Program, policy: Policy) -> dict[str, Any]:
         _name(path): {"initial": x[0].tolist(), "drawn": bool((x != x[0]).any())}
         for path, x in jax.tree.leaves_with_path(draws)
     }
-    noise = {name: {"distribution": kind} for name, kind in program.noise.items()}
-    known = initial | noise
     return {
-        "inputs": [_described(n, x) | known.get(n, {}) for n, x in program.inputs.items()],
+        "inputs": [_described(n, x) | initial.get(n, {}) for n, x in program.inputs.items()],
         "outputs": [_described(n, x) for n, x in program.outputs.items()],
-        "deterministic": not noise,
         "observation_names": list(spec.observation.names),
         "action_names": list(spec.action.names),
         "action_range": None if limits is None else limits.tolist(),

@@ -19,17 +19,3 @@ def test_a_policy_is_written_with_its_contract_beside_it(command, finished, tmp_
     program = jax.export.deserialize(bytearray(out.read_bytes()))
     action, *_ = program.call(np.zeros((3, 4), np.float32), np.zeros(3, np.int32))
     assert action.shape == (3, 1)
-
-
-def test_a_policy_that_draws_is_told_how_by_its_caller(command, finished, tmp_path):
-    out = tmp_path / "policy.bin"
-    result = command("export", finished[0], "--format=stablehlo", "--stochastic", "--out", out)
-    assert result.returncode == 0, result.stderr
-    contract = json.loads((tmp_path / "policy.bin.json").read_text())
-    noise = [(x["name"], x["distribution"]) for x in contract["inputs"][2:]]
-    assert noise == [("noise_0", "gumbel"), ("noise_1", "normal")]
-    program = jax.export.deserialize(bytearray(out.read_bytes()))
-    given = np.zeros((3, 4), np.float32), np.zeros(3, np.int32)
-    draws = np.array([[0, 0, 99, 0]] * 3, np.float32), np.zeros((3, 1), np.float32)
-    *_, option = program.call(*given, *draws)
-    assert option.tolist() == [2, 2, 2]

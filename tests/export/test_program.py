@@ -43,9 +43,9 @@ def pendulum():
 
 
 @functools.cache
-def runner(name, format_name, stochastic=False):
+def runner(name, format_name):
     """Return an exported policy as a function of arrays by name, and its contract."""
-    content, contract = export(policy_of(name), format_name, stochastic)
+    content, contract = export(policy_of(name), format_name)
     outputs = [x["name"] for x in contract["outputs"]]
     if format_name == "onnx":
         session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
@@ -134,55 +134,38 @@ def test_every_algorithm_is_exported_with_its_memory(name, format_name):
         np.testing.assert_allclose(found["action"], np.clip(action, -3, 3), atol=1e-5)
         for n, x in zip(names, jax.tree.leaves(memory), strict=True):
             np.testing.assert_allclose(found[f"next_{n}"], x, atol=1e-4)
-        assert ("option" in found) == (name != "ppo")
+        assert_alternatives(found, policy, obs, leaves)
         assert {n: x.dtype.name for n, x in found.items()} == {
             x["name"]: x["dtype"] for x in contract["outputs"]
         }
 
 
-def draws_of(name, key, size):
-    """The numbers that a policy draws by a key, as JAX draws them: option by option, action."""
-    if name == "ppo":
-        return {"normal": jax.random.normal(key, (size, 1))}
-    key_option, key_action = jax.random.split(key)
-    stop = {}
-    if name == "ahp":
-        key_stop, key_option = jax.random.split(key_option)
-        stop = {"uniform": jax.random.uniform(key_stop, (size,))}
-    option = {"gumbel": jax.random.gumbel(key_option, (size, 4))}
-    return stop | option | {"normal": jax.random.normal(key_action, (size, 1))}
+def assert_alternatives(found, policy, obs, remembered):
+    """Hold what is said of other actions and options against the agent's own distributions."""
 
+    @jax.jit
+    def own(policy, remembered):
+        agent, params, seen = policy.agent, policy.params, policy.normalized(obs)
+        structure = jax.tree.structure(policy.initial_memory(jax.random.key(0)))
+        memory = jax.tree.unflatten(structure, remembered)
+        chosen = agent.policy(params, seen, found.get("option"))
+        return chosen.stddev(), agent.option_probs(params, seen, memory)
 
-@pytest.mark.parametrize(
-    ("name", "format_name"),
-    [("mopg", "onnx"), ("mopg", "stablehlo"), ("ahp", "onnx"), ("ppo", "stablehlo")],
-)
-def test_a_stochastic_policy_draws_by_the_noise_that_it_is_given(name, format_name):
-    run, contract = runner(name, format_name, stochastic=True)
-    noise = {x["distribution"]: x["name"] for x in contract["inputs"] if "distribution" in x}
-    policy, key = policy_of(name), jax.random.key(3)
-    obs = np.asarray(jax.random.normal(key, (256, 4)))
-    memory = policy.initial_memory(key, (256,))
-    names = [x["name"] for x in contract["inputs"] if x["name"].startswith("memory")]
-    leaves = dict(zip(names, map(np.asarray, jax.tree.leaves(memory)), strict=True))
-    drawn = draws_of(name, key, 256)
-    assert list(noise) == list(drawn)
-    found = run(obs=obs, **leaves, **{noise[x]: np.asarray(y) for x, y in drawn.items()})
-    action, memory = policy.act(obs, memory, key)
-    np.testing.assert_allclose(found["action"], np.clip(action, -3, 3), atol=1e-5)
-    for n, x in zip(names, jax.tree.leaves(memory), strict=True):
-        np.testing.assert_array_equal(found[f"next_{n}"], x)
-    likeliest, _ = policy.act(obs, policy.initial_memory(key, (256,)), key, deterministic=True)
-    difference = np.abs(found["action"] - np.clip(likeliest, -3, 3))
-    assert (difference > 0.01).mean() > 0.2  # elsewhere both are clipped
-    assert not contract["deterministic"]
+    std, probs = own(policy, list(remembered.values()))
+    np.testing.assert_allclose(found["action_std"], std, rtol=1e-5)
+    if probs is None:
+        assert not {"option", "option_logits"} & set(found)
+        return
+    np.testing.assert_allclose(np.exp(found["option_logits"]), probs, atol=1e-5)
+    chosen = np.take_along_axis(np.asarray(probs), found["option"][:, None], axis=1)
+    np.testing.assert_allclose(chosen[:, 0], probs.max(axis=1), rtol=1e-5)
 
 
 def test_the_contract_says_what_a_caller_must_know():
     _, contract = export(policy_of("dac"), "stablehlo")
     assert contract.pop("versions").keys() == {"hitmdp_jax", "jax"}
     assert contract == {
-        "schema": 1,
+        "schema": 2,
         "format": "stablehlo",
         "inputs": [
             {"name": "obs", "shape": ["batch", 4], "dtype": "float32"},
@@ -203,11 +186,12 @@ def test_the_contract_says_what_a_caller_must_know():
         ],
         "outputs": [
             {"name": "action", "shape": ["batch", 1], "dtype": "float32"},
+            {"name": "action_std", "shape": ["batch", 1], "dtype": "float32"},
+            {"name": "option", "shape": ["batch"], "dtype": "int32"},
+            {"name": "option_logits", "shape": ["batch", 4], "dtype": "float32"},
             {"name": "next_memory_previous", "shape": ["batch"], "dtype": "int32"},
             {"name": "next_memory_initial", "shape": ["batch"], "dtype": "bool"},
-            {"name": "option", "shape": ["batch"], "dtype": "int32"},
         ],
-        "deterministic": True,
         "observation_names": [
             "slider position", "hinge angle", "slider velocity", "hinge velocity"
         ],
