@@ -122,17 +122,21 @@ def test_a_policy_without_options_records_none_and_a_task_without_physics_says_s
         run_episodes(policy, Counter(), key, 1, physics=True)
 
 
-@pytest.mark.parametrize("agent", [MOPG, AHP, IOPG])
-def test_its_own_choices_as_given_options_repeat_an_episode(agent, key):
+@pytest.mark.parametrize(("agent", "deterministic"), [(MOPG, True), (AHP, False), (IOPG, False)])
+def test_its_own_choices_as_given_options_repeat_an_episode(agent, deterministic, key):
     policy, env = untrained(agent(num_options=3, **SMALL), 2, 1, key), Payment()
 
     @compiled
     def run_twice(policy):
-        own = run_episodes(policy, env, key, 4)
-        return own, run_episodes(policy, env, key, 4, options=own.option)
+        run = functools.partial(run_episodes, policy, env, key, 4, deterministic=deterministic)
+        own = run()
+        return own, run(options=own.option)
 
     own, again = run_twice(policy)
-    assert len(np.unique(own.option)) > 1
+    if deterministic:
+        np.testing.assert_array_equal(own.option, own.option_probs.argmax(-1))
+    else:
+        assert len(np.unique(own.option)) > 1
     np.testing.assert_allclose(own.option_probs.sum(-1), np.ones((7, 4)), rtol=1e-5)
     np.testing.assert_array_equal(again.option, own.option)
     np.testing.assert_allclose(again.action, own.action, rtol=1e-4, atol=1e-5)
@@ -144,12 +148,6 @@ def test_given_options_decide(key):
     recorded = jax.device_get(run_episodes(obvious(), Payment(), key, 2, options=options))
     np.testing.assert_array_equal(recorded.option, options)
     np.testing.assert_allclose(recorded.returns, [8, 6], atol=1e-4)
-
-
-def test_deterministic_episodes_take_the_likeliest_option(key):
-    policy = untrained(MOPG(**SMALL), 2, 1, key)
-    recorded = jax.device_get(run_episodes(policy, Counter(), key, 4, deterministic=True))
-    np.testing.assert_array_equal(recorded.option, recorded.option_probs.argmax(-1))
 
 
 @pytest.mark.parametrize(

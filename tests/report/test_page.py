@@ -37,6 +37,7 @@ def page_of(folder, num_options, seeds):
     content = RunReport(
         folder, config, "python train.py", 0, lambda: analysis_of_embeddings(num_options), video
     ).html()
+    content = content.replace(get_plotlyjs(), "")
     return re.sub(r"<script.*?</script>", "", content, flags=re.DOTALL)
 
 
@@ -98,7 +99,7 @@ class Tags(HTMLParser):
     def __init__(self, page):
         super().__init__()
         self.found, self.scripts = [], []
-        self.feed(page)
+        self.feed(page.replace(get_plotlyjs(), ""))
 
     def handle_starttag(self, tag, attrs):
         self.found.append((tag, sorted(name for name, _ in attrs)))
@@ -149,7 +150,7 @@ def test_a_strangers_names_are_text_wherever_they_stand(tmp_path):
         pages[name] = [*map(Tags, pages_of_a_stranger(folder, name))]
     for plain, hostile in zip(pages["plain"], pages[HOSTILE], strict=True):
         assert hostile.found == plain.found
-        mine = "".join(hostile.scripts).replace(get_plotlyjs(), "")
+        mine = "".join(hostile.scripts)
         assert "alert(1)" in mine
         # Plotly's charts read HTML themselves, so the name is escaped in what they are told, too.
         assert not re.search(r"(<|\\u003c)(img|/script)", mine)
