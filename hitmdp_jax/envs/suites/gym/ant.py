@@ -1,5 +1,7 @@
 """Ant: a four-legged runner (Schulman et al. 2016), as Gymnasium defines it."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -8,6 +10,7 @@ from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.health import Health
 from hitmdp_jax.envs.suites.gym.initial import normal_velocity_around_rest
+from hitmdp_jax.envs.suites.gym.task import GymTask
 from hitmdp_jax.errors import unknown_name
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
@@ -20,7 +23,8 @@ ROOT_Z = 2  # qpos: height of the torso, m; x and y come before it, its quaterni
 MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2, contacts=8)
 
 
-class Ant(MujocoEnv):
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class Ant(GymTask):
     """Run along x: reward is forward velocity (m/s), plus 1 for health, less control and contact.
 
     Observation [105]: torso height (m) and orientation (quaternion), eight joint angles (rad), the
@@ -49,48 +53,37 @@ class Ant(MujocoEnv):
 
     reward_terms = ("reward_forward", "reward_ctrl", "reward_contact", "reward_survive")
 
-    def __init__(
-        self,
-        physics: PhysicsChoice = "mjx",
-        version: str = "v5",
-        *,
-        forward_reward_weight: float = 1.0,
-        ctrl_cost_weight: float = 0.5,
-        contact_cost_weight: float = 5e-4,
-        healthy_reward: float = 1.0,
-        main_body: int | str = "torso",
-        terminate_when_unhealthy: bool = True,
-        healthy_z_range: tuple[float, float] = (0.2, 1.0),
-        contact_force_range: tuple[float, float] = (-1.0, 1.0),
-        reset_noise_scale: float = 0.1,
-        exclude_current_positions_from_observation: bool = True,
-        use_contact_forces: bool | None = None,
-        include_cfrc_ext_in_observation: bool | None = None,
-    ):
-        pays = version == "v5" if use_contact_forces is None else use_contact_forces
-        observes = (
-            pays if include_cfrc_ext_in_observation is None else include_cfrc_ext_in_observation
-        )
+    forward_reward_weight: float = 1.0
+    ctrl_cost_weight: float = 0.5
+    contact_cost_weight: float = 5e-4
+    healthy_reward: float = 1.0
+    main_body: int | str = "torso"
+    terminate_when_unhealthy: bool = True
+    healthy_z_range: tuple[float, float] = (0.2, 1.0)
+    contact_force_range: tuple[float, float] = (-1.0, 1.0)
+    reset_noise_scale: float = 0.1
+    exclude_current_positions_from_observation: bool = True
+    use_contact_forces: bool | None = None
+    include_cfrc_ext_in_observation: bool | None = None
+
+    def __post_init__(self, physics: PhysicsChoice):
+        pays, observes = self.use_contact_forces, self.include_cfrc_ext_in_observation
+        pays = self.version == "v5" if pays is None else pays
+        observes = pays if observes is None else observes
         model = load_gymnasium_model("ant.xml")
         fields = ("xpos", "cfrc_ext") if pays or observes else ("xpos",)
-        super().__init__(model, FRAME_SKIP, physics, fields, MJX_BUDGET)
-        self._forward_reward_weight = forward_reward_weight
-        self._ctrl_cost_weight = ctrl_cost_weight
-        self._contact_cost_weight = contact_cost_weight
+        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, fields, MJX_BUDGET)
         self._pays_contact_forces = pays
         self._observes_contact_forces = observes
         # v4 observes the world's forces, too, which are zero.
-        self._first_observed_body = 0 if version == "v4" else 1
-        self._contact_force_range = contact_force_range
-        self._main_body = find_body(model, main_body)
-        self._health = Health(healthy_reward, terminate_when_unhealthy, version)
-        self._healthy_z_range = healthy_z_range
-        self._reset_noise_scale = reset_noise_scale
-        self._first_position = 2 if exclude_current_positions_from_observation else 0
+        self._first_observed_body = 0 if self.version == "v4" else 1
+        self._main_body = find_body(model, self.main_body)
+        self._health = Health(self.healthy_reward, self.terminate_when_unhealthy, self.version)
+        self._first_position = 2 if self.exclude_current_positions_from_observation else 0
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos uniformly and qvel normally around the standing pose."""
-        return normal_velocity_around_rest(self.model, key, self._reset_noise_scale)
+        return normal_velocity_around_rest(self.model, key, self.reset_noise_scale)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions, velocities and, if observed, contact forces."""
@@ -104,11 +97,11 @@ class Ant(MujocoEnv):
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
         """Return forward velocity plus the healthy reward less control and contact costs."""
         distance = after["xpos"][self._main_body, 0] - before["xpos"][self._main_body, 0]
-        forward = self._forward_reward_weight * distance / self.dt
-        ctrl = -self._ctrl_cost_weight * jnp.sum(action**2)
+        forward = self.forward_reward_weight * distance / self.dt
+        ctrl = -self.ctrl_cost_weight * jnp.sum(action**2)
         contact = jnp.zeros(())
         if self._pays_contact_forces:
-            contact = -self._contact_cost_weight * jnp.sum(self._contact_forces(after) ** 2)
+            contact = -self.contact_cost_weight * jnp.sum(self._contact_forces(after) ** 2)
         survive = self._health.survive_reward(self.healthy(after))
         return forward + ctrl + contact + survive, {
             "reward_forward": forward,
@@ -119,7 +112,7 @@ class Ant(MujocoEnv):
 
     def healthy(self, data: PhysicsState) -> jax.Array:
         """Return whether the height lies inside its range and the state is finite."""
-        low, high = self._healthy_z_range
+        low, high = self.healthy_z_range
         z = data.qpos[ROOT_Z]
         finite = jnp.isfinite(data.qpos).all() & jnp.isfinite(data.qvel).all()
         return finite & (low <= z) & (z <= high)
@@ -130,7 +123,7 @@ class Ant(MujocoEnv):
 
     def _contact_forces(self, data: PhysicsState) -> jax.Array:
         """Return the clipped external torque and force on each body [14, 6], N m and N."""
-        return jnp.clip(data["cfrc_ext"], *self._contact_force_range)
+        return jnp.clip(data["cfrc_ext"], *self.contact_force_range)
 
 
 def find_body(model: mujoco.MjModel, body: int | str) -> int:

@@ -1,11 +1,14 @@
 """HalfCheetah: a planar two-legged runner (Wawrzynski 2009), as Gymnasium defines it."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.initial import normal_velocity_around_rest
+from hitmdp_jax.envs.suites.gym.task import GymTask
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 5  # substeps of 0.01 s
@@ -16,7 +19,8 @@ ROOT_X = 0  # qpos: horizontal position of the torso, m
 MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2, contacts=8)
 
 
-class HalfCheetah(MujocoEnv):
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class HalfCheetah(GymTask):
     """Run forward fast: reward is forward velocity (m/s) less a control cost.
 
     Observation [17]: torso height (m) and pitch (rad), six joint angles (rad), then the nine
@@ -35,28 +39,21 @@ class HalfCheetah(MujocoEnv):
 
     reward_terms = ("reward_forward", "reward_ctrl")
 
-    def __init__(
-        self,
-        physics: PhysicsChoice = "mjx",
-        version: str = "v5",
-        *,
-        forward_reward_weight: float = 1.0,
-        ctrl_cost_weight: float = 0.1,
-        reset_noise_scale: float = 0.1,
-        exclude_current_positions_from_observation: bool = True,
-        hide_velocities: bool = False,
-    ):
+    forward_reward_weight: float = 1.0
+    ctrl_cost_weight: float = 0.1
+    reset_noise_scale: float = 0.1
+    exclude_current_positions_from_observation: bool = True
+    hide_velocities: bool = False
+
+    def __post_init__(self, physics: PhysicsChoice):
         model = load_gymnasium_model("half_cheetah.xml")
-        super().__init__(model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
-        self._forward_reward_weight = forward_reward_weight
-        self._ctrl_cost_weight = ctrl_cost_weight
-        self._reset_noise_scale = reset_noise_scale
-        self._first_position = 1 if exclude_current_positions_from_observation else 0
-        self._observed_velocities = 0 if hide_velocities else model.nv
+        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
+        self._first_position = 1 if self.exclude_current_positions_from_observation else 0
+        self._observed_velocities = 0 if self.hide_velocities else model.nv
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos uniformly and qvel normally around the standing pose."""
-        return normal_velocity_around_rest(self.model, key, self._reset_noise_scale)
+        return normal_velocity_around_rest(self.model, key, self.reset_noise_scale)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and velocities."""
@@ -67,6 +64,6 @@ class HalfCheetah(MujocoEnv):
         self, before: PhysicsState, after: PhysicsState, action: jax.Array
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
         """Return forward velocity less control cost, both weighted."""
-        forward = self._forward_reward_weight * after.displacement[ROOT_X] / self.dt
-        ctrl = -self._ctrl_cost_weight * jnp.sum(action**2)
+        forward = self.forward_reward_weight * after.displacement[ROOT_X] / self.dt
+        ctrl = -self.ctrl_cost_weight * jnp.sum(action**2)
         return forward + ctrl, {"reward_forward": forward, "reward_ctrl": ctrl}

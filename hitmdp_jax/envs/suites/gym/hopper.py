@@ -1,5 +1,6 @@
 """Hopper: a planar one-legged hopper (Erez, Tassa & Todorov 2011), as Gymnasium defines it."""
 
+import dataclasses
 import math
 
 import jax
@@ -9,6 +10,7 @@ from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.health import Health, within
 from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
+from hitmdp_jax.envs.suites.gym.task import GymTask
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 4  # substeps of 0.002 s, RK4
@@ -21,7 +23,8 @@ MAX_OBSERVED_VELOCITY = 10.0  # m/s or rad/s
 MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2)
 
 
-class Hopper(MujocoEnv):
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class Hopper(GymTask):
     """Hop forward: reward is forward velocity (m/s) plus 1 for being healthy less a control cost.
 
     Observation [11]: torso height (m) and pitch (rad), three joint angles (rad), then the six
@@ -47,37 +50,27 @@ class Hopper(MujocoEnv):
 
     reward_terms = ("reward_forward", "reward_ctrl", "reward_survive")
 
-    def __init__(
-        self,
-        physics: PhysicsChoice = "mjx",
-        version: str = "v5",
-        *,
-        forward_reward_weight: float = 1.0,
-        ctrl_cost_weight: float = 1e-3,
-        healthy_reward: float = 1.0,
-        terminate_when_unhealthy: bool = True,
-        healthy_state_range: tuple[float, float] = (-100.0, 100.0),
-        healthy_z_range: tuple[float, float] = (0.7, math.inf),
-        healthy_angle_range: tuple[float, float] = (-0.2, 0.2),
-        reset_noise_scale: float = 5e-3,
-        exclude_current_positions_from_observation: bool = True,
-        hide_velocities: bool = False,
-    ):
+    forward_reward_weight: float = 1.0
+    ctrl_cost_weight: float = 1e-3
+    healthy_reward: float = 1.0
+    terminate_when_unhealthy: bool = True
+    healthy_state_range: tuple[float, float] = (-100.0, 100.0)
+    healthy_z_range: tuple[float, float] = (0.7, math.inf)
+    healthy_angle_range: tuple[float, float] = (-0.2, 0.2)
+    reset_noise_scale: float = 5e-3
+    exclude_current_positions_from_observation: bool = True
+    hide_velocities: bool = False
+
+    def __post_init__(self, physics: PhysicsChoice):
         model = load_gymnasium_model("hopper.xml")
-        super().__init__(model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
-        self._forward_reward_weight = forward_reward_weight
-        self._ctrl_cost_weight = ctrl_cost_weight
-        self._health = Health(healthy_reward, terminate_when_unhealthy, version)
-        self._healthy_state_range = healthy_state_range
-        self._healthy_z_range = healthy_z_range
-        self._healthy_angle_range = healthy_angle_range
-        self._reset_noise_scale = reset_noise_scale
-        self._first_position = 1 if exclude_current_positions_from_observation else 0
-        self._observed_velocities = 0 if hide_velocities else model.nv
+        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
+        self._health = Health(self.healthy_reward, self.terminate_when_unhealthy, self.version)
+        self._first_position = 1 if self.exclude_current_positions_from_observation else 0
+        self._observed_velocities = 0 if self.hide_velocities else model.nv
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the standing pose."""
-        return uniform_around_rest(self.model, key, self._reset_noise_scale)
+        return uniform_around_rest(self.model, key, self.reset_noise_scale)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and clipped velocities."""
@@ -89,8 +82,8 @@ class Hopper(MujocoEnv):
         self, before: PhysicsState, after: PhysicsState, action: jax.Array
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
         """Return forward velocity plus the healthy reward less control cost."""
-        forward = self._forward_reward_weight * after.displacement[ROOT_X] / self.dt
-        ctrl = -self._ctrl_cost_weight * jnp.sum(action**2)
+        forward = self.forward_reward_weight * after.displacement[ROOT_X] / self.dt
+        ctrl = -self.ctrl_cost_weight * jnp.sum(action**2)
         survive = self._health.survive_reward(self.healthy(after))
         return forward + ctrl + survive, {
             "reward_forward": forward,
@@ -102,9 +95,9 @@ class Hopper(MujocoEnv):
         """Return whether height, pitch and the remaining state lie inside their ranges."""
         rest = jnp.concatenate([data.qpos[ROOT_PITCH:], data.qvel])
         return (
-            within(rest, self._healthy_state_range)
-            & within(data.qpos[ROOT_Z], self._healthy_z_range)
-            & within(data.qpos[ROOT_PITCH], self._healthy_angle_range)
+            within(rest, self.healthy_state_range)
+            & within(data.qpos[ROOT_Z], self.healthy_z_range)
+            & within(data.qpos[ROOT_PITCH], self.healthy_angle_range)
         )
 
     def terminated(self, data: PhysicsState) -> jax.Array:

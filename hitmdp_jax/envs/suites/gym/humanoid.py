@@ -1,5 +1,6 @@
 """Humanoid: a three-dimensional biped (Tassa, Erez & Todorov 2012), as Gymnasium defines it."""
 
+import dataclasses
 import math
 
 import jax
@@ -10,6 +11,7 @@ from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.health import Health, within
 from hitmdp_jax.envs.suites.gym.humanoid_body import ROOT_Z, HumanoidSenses
 from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
+from hitmdp_jax.envs.suites.gym.task import GymTask
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 5  # substeps of 0.003 s, RK4
@@ -20,7 +22,8 @@ CONTACT_COST_WEIGHT = 5e-7
 MJX_BUDGET = SolverBudget(iterations=7, ls_iterations=4, contacts=12)
 
 
-class Humanoid(MujocoEnv):
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class Humanoid(GymTask):
     """Walk along x: reward is the mass centre's velocity (m/s), plus 5 for health, less costs.
 
     Observation [348]: torso height (m) and orientation (quaternion), seventeen joint angles (rad),
@@ -50,49 +53,41 @@ class Humanoid(MujocoEnv):
 
     reward_terms = ("reward_survive", "reward_forward", "reward_ctrl", "reward_contact")
 
-    def __init__(
-        self,
-        physics: PhysicsChoice = "mjx",
-        version: str = "v5",
-        *,
-        forward_reward_weight: float = 1.25,
-        ctrl_cost_weight: float = 0.1,
-        contact_cost_weight: float | None = None,
-        contact_cost_range: tuple[float, float] = (-math.inf, 10.0),
-        healthy_reward: float = 5.0,
-        terminate_when_unhealthy: bool = True,
-        healthy_z_range: tuple[float, float] = (1.0, 2.0),
-        reset_noise_scale: float = 1e-2,
-        exclude_current_positions_from_observation: bool = True,
-        include_cinert_in_observation: bool = True,
-        include_cvel_in_observation: bool = True,
-        include_qfrc_actuator_in_observation: bool = True,
-        include_cfrc_ext_in_observation: bool = True,
-    ):
-        if contact_cost_weight is None:
-            contact_cost_weight = CONTACT_COST_WEIGHT if version == "v5" else 0.0
+    forward_reward_weight: float = 1.25
+    ctrl_cost_weight: float = 0.1
+    contact_cost_weight: float | None = None
+    contact_cost_range: tuple[float, float] = (-math.inf, 10.0)
+    healthy_reward: float = 5.0
+    terminate_when_unhealthy: bool = True
+    healthy_z_range: tuple[float, float] = (1.0, 2.0)
+    reset_noise_scale: float = 1e-2
+    exclude_current_positions_from_observation: bool = True
+    include_cinert_in_observation: bool = True
+    include_cvel_in_observation: bool = True
+    include_qfrc_actuator_in_observation: bool = True
+    include_cfrc_ext_in_observation: bool = True
+
+    def __post_init__(self, physics: PhysicsChoice):
+        if self.contact_cost_weight is None:
+            self.contact_cost_weight = CONTACT_COST_WEIGHT if self.version == "v5" else 0.0
         self._senses = HumanoidSenses(
-            version=version,
-            positions=not exclude_current_positions_from_observation,
-            cinert=include_cinert_in_observation,
-            cvel=include_cvel_in_observation,
-            qfrc_actuator=include_qfrc_actuator_in_observation,
-            cfrc_ext=include_cfrc_ext_in_observation,
+            version=self.version,
+            positions=not self.exclude_current_positions_from_observation,
+            cinert=self.include_cinert_in_observation,
+            cvel=self.include_cvel_in_observation,
+            qfrc_actuator=self.include_qfrc_actuator_in_observation,
+            cfrc_ext=self.include_cfrc_ext_in_observation,
         )
-        fields = {"xipos", *self._senses.fields} | ({"cfrc_ext"} if contact_cost_weight else set())
+        fields = {"xipos", *self._senses.fields}
+        if self.contact_cost_weight:
+            fields.add("cfrc_ext")
         model = load_gymnasium_model("humanoid.xml")
-        super().__init__(model, FRAME_SKIP, physics, sorted(fields), MJX_BUDGET)
-        self._forward_reward_weight = forward_reward_weight
-        self._ctrl_cost_weight = ctrl_cost_weight
-        self._contact_cost_weight = contact_cost_weight
-        self._contact_cost_range = contact_cost_range
-        self._health = Health(healthy_reward, terminate_when_unhealthy, version)
-        self._healthy_z_range = healthy_z_range
-        self._reset_noise_scale = reset_noise_scale
+        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, sorted(fields), MJX_BUDGET)
+        self._health = Health(self.healthy_reward, self.terminate_when_unhealthy, self.version)
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the standing pose."""
-        return uniform_around_rest(self.model, key, self._reset_noise_scale)
+        return uniform_around_rest(self.model, key, self.reset_noise_scale)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions, velocities and what the body feels."""
@@ -103,12 +98,12 @@ class Humanoid(MujocoEnv):
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
         """Return forward velocity plus the healthy reward less control and contact costs."""
         distance = self._mass_centre_x(after) - self._mass_centre_x(before)
-        forward = self._forward_reward_weight * distance / self.dt
-        ctrl = -self._ctrl_cost_weight * jnp.sum(action**2)
+        forward = self.forward_reward_weight * distance / self.dt
+        ctrl = -self.ctrl_cost_weight * jnp.sum(action**2)
         contact = jnp.zeros(())
-        if self._contact_cost_weight:
-            cost = self._contact_cost_weight * jnp.sum(after["cfrc_ext"] ** 2)
-            contact = -jnp.clip(cost, *self._contact_cost_range)
+        if self.contact_cost_weight:
+            cost = self.contact_cost_weight * jnp.sum(after["cfrc_ext"] ** 2)
+            contact = -jnp.clip(cost, *self.contact_cost_range)
         survive = self._health.survive_reward(self.healthy(after))
         return forward + ctrl + contact + survive, {
             "reward_survive": survive,
@@ -119,7 +114,7 @@ class Humanoid(MujocoEnv):
 
     def healthy(self, data: PhysicsState) -> jax.Array:
         """Return whether the height lies inside its range."""
-        return within(data.qpos[ROOT_Z], self._healthy_z_range)
+        return within(data.qpos[ROOT_Z], self.healthy_z_range)
 
     def terminated(self, data: PhysicsState) -> jax.Array:
         """Return whether the humanoid became unhealthy."""

@@ -1,5 +1,6 @@
 """HumanoidStandup: get up from lying (Tassa, Erez & Todorov 2012), as Gymnasium defines it."""
 
+import dataclasses
 import math
 
 import jax
@@ -9,6 +10,7 @@ from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.humanoid_body import ROOT_Z, HumanoidSenses
 from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
+from hitmdp_jax.envs.suites.gym.task import GymTask
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 5  # substeps of 0.003 s, RK4
@@ -18,7 +20,8 @@ FRAME_SKIP = 5  # substeps of 0.003 s, RK4
 MJX_BUDGET = SolverBudget(iterations=7, ls_iterations=4, contacts=24)
 
 
-class HumanoidStandup(MujocoEnv):
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class HumanoidStandup(GymTask):
     """Stand up: reward is the height of the torso over a substep's time (m/s), plus 1, less costs.
 
     Observation [348] and action [17] are Humanoid's. There is no termination; the time limit is
@@ -40,40 +43,32 @@ class HumanoidStandup(MujocoEnv):
 
     reward_terms = ("reward_linup", "reward_quadctrl", "reward_impact")
 
-    def __init__(
-        self,
-        physics: PhysicsChoice = "mjx",
-        version: str = "v5",
-        *,
-        ctrl_cost_weight: float = 0.1,
-        impact_cost_weight: float = 0.5e-6,
-        impact_cost_range: tuple[float, float] = (-math.inf, 10.0),
-        reset_noise_scale: float = 1e-2,
-        exclude_current_positions_from_observation: bool = True,
-        include_cinert_in_observation: bool = True,
-        include_cvel_in_observation: bool = True,
-        include_qfrc_actuator_in_observation: bool = True,
-        include_cfrc_ext_in_observation: bool = True,
-    ):
+    ctrl_cost_weight: float = 0.1
+    impact_cost_weight: float = 0.5e-6
+    impact_cost_range: tuple[float, float] = (-math.inf, 10.0)
+    reset_noise_scale: float = 1e-2
+    exclude_current_positions_from_observation: bool = True
+    include_cinert_in_observation: bool = True
+    include_cvel_in_observation: bool = True
+    include_qfrc_actuator_in_observation: bool = True
+    include_cfrc_ext_in_observation: bool = True
+
+    def __post_init__(self, physics: PhysicsChoice):
         self._senses = HumanoidSenses(
-            version=version,
-            positions=not exclude_current_positions_from_observation,
-            cinert=include_cinert_in_observation,
-            cvel=include_cvel_in_observation,
-            qfrc_actuator=include_qfrc_actuator_in_observation,
-            cfrc_ext=include_cfrc_ext_in_observation,
+            version=self.version,
+            positions=not self.exclude_current_positions_from_observation,
+            cinert=self.include_cinert_in_observation,
+            cvel=self.include_cvel_in_observation,
+            qfrc_actuator=self.include_qfrc_actuator_in_observation,
+            cfrc_ext=self.include_cfrc_ext_in_observation,
         )
         fields = sorted({"cfrc_ext", *self._senses.fields})
         model = load_gymnasium_model("humanoidstandup.xml")
-        super().__init__(model, FRAME_SKIP, physics, fields, MJX_BUDGET)
-        self._ctrl_cost_weight = ctrl_cost_weight
-        self._impact_cost_weight = impact_cost_weight
-        self._impact_cost_range = impact_cost_range
-        self._reset_noise_scale = reset_noise_scale
+        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, fields, MJX_BUDGET)
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the lying pose."""
-        return uniform_around_rest(self.model, key, self._reset_noise_scale)
+        return uniform_around_rest(self.model, key, self.reset_noise_scale)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions, velocities and what the body feels."""
@@ -84,9 +79,9 @@ class HumanoidStandup(MujocoEnv):
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
         """Return the height over a substep's time, plus 1, less control and impact costs."""
         linup = after.qpos[ROOT_Z] / self.model.opt.timestep
-        quadctrl = -self._ctrl_cost_weight * jnp.sum(action**2)
-        cost = self._impact_cost_weight * jnp.sum(after["cfrc_ext"] ** 2)
-        impact = -jnp.clip(cost, *self._impact_cost_range)
+        quadctrl = -self.ctrl_cost_weight * jnp.sum(action**2)
+        cost = self.impact_cost_weight * jnp.sum(after["cfrc_ext"] ** 2)
+        impact = -jnp.clip(cost, *self.impact_cost_range)
         return linup + quadctrl + impact + 1.0, {
             "reward_linup": linup,
             "reward_quadctrl": quadctrl,

@@ -1,11 +1,14 @@
 """InvertedDoublePendulum: balance two linked poles on a cart, as Gymnasium defines it."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.initial import normal_velocity_around_rest
+from hitmdp_jax.envs.suites.gym.task import GymTask
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 5  # substeps of 0.01 s, RK4
@@ -19,7 +22,8 @@ MAX_OBSERVED = 10.0  # m/s, rad/s, N
 MJX_BUDGET = SolverBudget(iterations=3, ls_iterations=2)
 
 
-class InvertedDoublePendulum(MujocoEnv):
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class InvertedDoublePendulum(GymTask):
     """Balance both poles: reward 10 a step less penalties on the tip's position and the velocities.
 
     Observation [9]: cart position (m), sines and cosines of the two joint angles, the three
@@ -37,26 +41,20 @@ class InvertedDoublePendulum(MujocoEnv):
 
     reward_terms = ("reward_survive", "distance_penalty", "velocity_penalty")
 
-    def __init__(
-        self,
-        physics: PhysicsChoice = "mjx",
-        version: str = "v5",
-        *,
-        healthy_reward: float = 10.0,
-        reset_noise_scale: float = 0.1,
-    ):
+    healthy_reward: float = 10.0
+    reset_noise_scale: float = 0.1
+
+    def __post_init__(self, physics: PhysicsChoice):
         model = load_gymnasium_model("inverted_double_pendulum.xml")
         fields = ("site_xpos", "qfrc_constraint")
-        super().__init__(model, FRAME_SKIP, physics, fields, MJX_BUDGET)
-        self._healthy_reward = healthy_reward
-        self._reward_at_end = healthy_reward if version == "v4" else 0.0
-        self._observed_forces = model.nv if version == "v4" else 1
-        self._reset_noise_scale = reset_noise_scale
+        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, fields, MJX_BUDGET)
+        self._reward_at_end = self.healthy_reward if self.version == "v4" else 0.0
+        self._observed_forces = model.nv if self.version == "v4" else 1
         self._tip = model.site("tip").id
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos uniformly and qvel normally around the upright rest."""
-        return normal_velocity_around_rest(self.model, key, self._reset_noise_scale)
+        return normal_velocity_around_rest(self.model, key, self.reset_noise_scale)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return cart, poles, velocities and constraint forces."""
@@ -80,7 +78,7 @@ class InvertedDoublePendulum(MujocoEnv):
         distance = -(0.01 * x**2 + (z - TARGET_HEIGHT) ** 2)
         _, lower, upper = after.qvel
         velocity = -(1e-3 * lower**2 + 5e-3 * upper**2)
-        survive = jnp.where(self.terminated(after), self._reward_at_end, self._healthy_reward)
+        survive = jnp.where(self.terminated(after), self._reward_at_end, self.healthy_reward)
         return survive + distance + velocity, {
             "reward_survive": survive,
             "distance_penalty": distance,

@@ -1,11 +1,14 @@
 """InvertedPendulum: keep a pole upright on a cart (Barto, Sutton & Anderson 1983)."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
+from hitmdp_jax.envs.suites.gym.task import GymTask
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 2  # substeps of 0.02 s
@@ -17,7 +20,8 @@ MAX_ANGLE = 0.2  # rad
 MJX_BUDGET = SolverBudget(iterations=3, ls_iterations=2)
 
 
-class InvertedPendulum(MujocoEnv):
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class InvertedPendulum(GymTask):
     """Balance the pole: reward 1 for every step that it stays within 0.2 rad.
 
     Observation [4]: cart position (m), pole angle (rad) and their velocities. Action [1]: force on
@@ -33,23 +37,18 @@ class InvertedPendulum(MujocoEnv):
 
     reward_terms = ("reward_survive",)
 
-    def __init__(
-        self,
-        physics: PhysicsChoice = "mjx",
-        version: str = "v5",
-        *,
-        reset_noise_scale: float = 0.01,
-        hide_velocities: bool = False,
-    ):
+    reset_noise_scale: float = 0.01
+    hide_velocities: bool = False
+
+    def __post_init__(self, physics: PhysicsChoice):
         model = load_gymnasium_model("inverted_pendulum.xml")
-        super().__init__(model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
-        self._reward_at_end = 1.0 if version == "v4" else 0.0
-        self._reset_noise_scale = reset_noise_scale
-        self._observed_velocities = 0 if hide_velocities else model.nv
+        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
+        self._reward_at_end = 1.0 if self.version == "v4" else 0.0
+        self._observed_velocities = 0 if self.hide_velocities else model.nv
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the upright rest."""
-        return uniform_around_rest(self.model, key, self._reset_noise_scale)
+        return uniform_around_rest(self.model, key, self.reset_noise_scale)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and velocities."""

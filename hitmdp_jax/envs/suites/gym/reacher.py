@@ -1,5 +1,6 @@
 """Reacher: bring the tip of a planar two-joint arm to a target, as Gymnasium defines it."""
 
+import dataclasses
 import math
 
 import jax
@@ -7,6 +8,7 @@ import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.suites.gym.task import GymTask
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 2  # substeps of 0.01 s, RK4
@@ -20,7 +22,8 @@ TARGET_RADIUS = 0.2  # m: the targets fill a disc
 MJX_BUDGET = SolverBudget(iterations=3, ls_iterations=2)
 
 
-class Reacher(MujocoEnv):
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class Reacher(GymTask):
     """Reach the target: reward is minus the distance (m) to it less a control cost.
 
     Observation [10]: cosines and sines of the two joint angles, the target's x and y (m), the
@@ -38,19 +41,14 @@ class Reacher(MujocoEnv):
     episode_length = 50
     reward_terms = ("reward_dist", "reward_ctrl")
 
-    def __init__(
-        self,
-        physics: PhysicsChoice = "mjx",
-        version: str = "v5",
-        *,
-        reward_dist_weight: float = 1.0,
-        reward_control_weight: float = 1.0,
-    ):
+    reward_dist_weight: float = 1.0
+    reward_control_weight: float = 1.0
+
+    def __post_init__(self, physics: PhysicsChoice):
         model = load_gymnasium_model("reacher.xml")
-        super().__init__(model, FRAME_SKIP, physics, fields=("xpos",), mjx_budget=MJX_BUDGET)
-        self._version = version
-        self._reward_dist_weight = reward_dist_weight
-        self._reward_control_weight = reward_control_weight
+        MujocoEnv.__init__(
+            self, model, FRAME_SKIP, physics, fields=("xpos",), mjx_budget=MJX_BUDGET
+        )
         self._fingertip = model.body("fingertip").id
         self._target = model.body("target").id
 
@@ -77,7 +75,7 @@ class Reacher(MujocoEnv):
                 jnp.sin(angles),
                 target,
                 data.qvel[:NUM_JOINTS],
-                vector if self._version == "v4" else vector[:2],
+                vector if self.version == "v4" else vector[:2],
             ]
         )
 
@@ -85,9 +83,9 @@ class Reacher(MujocoEnv):
         self, before: PhysicsState, after: PhysicsState, action: jax.Array
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
         """Return minus the distance less control cost."""
-        vector = self._from_target(before if self._version == "v4" else after)
-        distance = -self._reward_dist_weight * jnp.linalg.norm(vector)
-        ctrl = -self._reward_control_weight * jnp.sum(action**2)
+        vector = self._from_target(before if self.version == "v4" else after)
+        distance = -self.reward_dist_weight * jnp.linalg.norm(vector)
+        ctrl = -self.reward_control_weight * jnp.sum(action**2)
         return distance + ctrl, {"reward_dist": distance, "reward_ctrl": ctrl}
 
     def _from_target(self, data: PhysicsState) -> jax.Array:

@@ -1,11 +1,14 @@
 """Swimmer: a planar three-link swimmer in a viscous fluid (Coulom 2002), as in Gymnasium."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
+from hitmdp_jax.envs.suites.gym.task import GymTask
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 4  # substeps of 0.01 s, RK4
@@ -16,7 +19,8 @@ ROOT_X = 0  # qpos: x of the front tip, m; y follows
 MJX_BUDGET = SolverBudget(iterations=3, ls_iterations=2)
 
 
-class Swimmer(MujocoEnv):
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class Swimmer(GymTask):
     """Swim to the right: reward is velocity along x (m/s) less a control cost.
 
     Observation [8]: angle of the front link and of the two joints (rad), then the five generalised
@@ -35,28 +39,21 @@ class Swimmer(MujocoEnv):
 
     reward_terms = ("reward_forward", "reward_ctrl")
 
-    def __init__(
-        self,
-        physics: PhysicsChoice = "mjx",
-        version: str = "v5",
-        *,
-        forward_reward_weight: float = 1.0,
-        ctrl_cost_weight: float = 1e-4,
-        reset_noise_scale: float = 0.1,
-        exclude_current_positions_from_observation: bool = True,
-        hide_velocities: bool = False,
-    ):
+    forward_reward_weight: float = 1.0
+    ctrl_cost_weight: float = 1e-4
+    reset_noise_scale: float = 0.1
+    exclude_current_positions_from_observation: bool = True
+    hide_velocities: bool = False
+
+    def __post_init__(self, physics: PhysicsChoice):
         model = load_gymnasium_model("swimmer.xml")
-        super().__init__(model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
-        self._forward_reward_weight = forward_reward_weight
-        self._ctrl_cost_weight = ctrl_cost_weight
-        self._reset_noise_scale = reset_noise_scale
-        self._first_position = 2 if exclude_current_positions_from_observation else 0
-        self._observed_velocities = 0 if hide_velocities else model.nv
+        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
+        self._first_position = 2 if self.exclude_current_positions_from_observation else 0
+        self._observed_velocities = 0 if self.hide_velocities else model.nv
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the stretched pose."""
-        return uniform_around_rest(self.model, key, self._reset_noise_scale)
+        return uniform_around_rest(self.model, key, self.reset_noise_scale)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and velocities."""
@@ -67,6 +64,6 @@ class Swimmer(MujocoEnv):
         self, before: PhysicsState, after: PhysicsState, action: jax.Array
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
         """Return velocity along x less control cost, both weighted."""
-        forward = self._forward_reward_weight * after.displacement[ROOT_X] / self.dt
-        ctrl = -self._ctrl_cost_weight * jnp.sum(action**2)
+        forward = self.forward_reward_weight * after.displacement[ROOT_X] / self.dt
+        ctrl = -self.ctrl_cost_weight * jnp.sum(action**2)
         return forward + ctrl, {"reward_forward": forward, "reward_ctrl": ctrl}

@@ -1,5 +1,7 @@
 """Walker2d: a planar two-legged walker (Erez, Tassa & Todorov 2011), as Gymnasium defines it."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 
@@ -7,6 +9,7 @@ from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.health import Health, within
 from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
+from hitmdp_jax.envs.suites.gym.task import GymTask
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 4  # substeps of 0.002 s, RK4
@@ -18,7 +21,8 @@ MAX_OBSERVED_VELOCITY = 10.0  # m/s or rad/s
 MJX_BUDGET = SolverBudget(iterations=6, ls_iterations=2)
 
 
-class Walker2d(MujocoEnv):
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
+class Walker2d(GymTask):
     """Walk forward: reward is forward velocity (m/s) plus 1 for being healthy less a control cost.
 
     Observation [17]: torso height (m) and pitch (rad), six joint angles (rad), then the nine
@@ -43,35 +47,26 @@ class Walker2d(MujocoEnv):
 
     reward_terms = ("reward_forward", "reward_ctrl", "reward_survive")
 
-    def __init__(
-        self,
-        physics: PhysicsChoice = "mjx",
-        version: str = "v5",
-        *,
-        forward_reward_weight: float = 1.0,
-        ctrl_cost_weight: float = 1e-3,
-        healthy_reward: float = 1.0,
-        terminate_when_unhealthy: bool = True,
-        healthy_z_range: tuple[float, float] = (0.8, 2.0),
-        healthy_angle_range: tuple[float, float] = (-1.0, 1.0),
-        reset_noise_scale: float = 5e-3,
-        exclude_current_positions_from_observation: bool = True,
-        hide_velocities: bool = False,
-    ):
-        model = load_gymnasium_model("walker2d.xml" if version == "v4" else "walker2d_v5.xml")
-        super().__init__(model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
-        self._forward_reward_weight = forward_reward_weight
-        self._ctrl_cost_weight = ctrl_cost_weight
-        self._health = Health(healthy_reward, terminate_when_unhealthy, version)
-        self._healthy_z_range = healthy_z_range
-        self._healthy_angle_range = healthy_angle_range
-        self._reset_noise_scale = reset_noise_scale
-        self._first_position = 1 if exclude_current_positions_from_observation else 0
-        self._observed_velocities = 0 if hide_velocities else model.nv
+    forward_reward_weight: float = 1.0
+    ctrl_cost_weight: float = 1e-3
+    healthy_reward: float = 1.0
+    terminate_when_unhealthy: bool = True
+    healthy_z_range: tuple[float, float] = (0.8, 2.0)
+    healthy_angle_range: tuple[float, float] = (-1.0, 1.0)
+    reset_noise_scale: float = 5e-3
+    exclude_current_positions_from_observation: bool = True
+    hide_velocities: bool = False
+
+    def __post_init__(self, physics: PhysicsChoice):
+        model = load_gymnasium_model("walker2d.xml" if self.version == "v4" else "walker2d_v5.xml")
+        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
+        self._health = Health(self.healthy_reward, self.terminate_when_unhealthy, self.version)
+        self._first_position = 1 if self.exclude_current_positions_from_observation else 0
+        self._observed_velocities = 0 if self.hide_velocities else model.nv
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the standing pose."""
-        return uniform_around_rest(self.model, key, self._reset_noise_scale)
+        return uniform_around_rest(self.model, key, self.reset_noise_scale)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and clipped velocities."""
@@ -83,8 +78,8 @@ class Walker2d(MujocoEnv):
         self, before: PhysicsState, after: PhysicsState, action: jax.Array
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
         """Return forward velocity plus the healthy reward less control cost."""
-        forward = self._forward_reward_weight * after.displacement[ROOT_X] / self.dt
-        ctrl = -self._ctrl_cost_weight * jnp.sum(action**2)
+        forward = self.forward_reward_weight * after.displacement[ROOT_X] / self.dt
+        ctrl = -self.ctrl_cost_weight * jnp.sum(action**2)
         survive = self._health.survive_reward(self.healthy(after))
         return forward + ctrl + survive, {
             "reward_forward": forward,
@@ -94,8 +89,8 @@ class Walker2d(MujocoEnv):
 
     def healthy(self, data: PhysicsState) -> jax.Array:
         """Return whether height and pitch lie inside their ranges."""
-        in_z = within(data.qpos[ROOT_Z], self._healthy_z_range)
-        return in_z & within(data.qpos[ROOT_PITCH], self._healthy_angle_range)
+        in_z = within(data.qpos[ROOT_Z], self.healthy_z_range)
+        return in_z & within(data.qpos[ROOT_PITCH], self.healthy_angle_range)
 
     def terminated(self, data: PhysicsState) -> jax.Array:
         """Return whether the walker became unhealthy."""
