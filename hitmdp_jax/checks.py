@@ -10,6 +10,7 @@ from hitmdp_jax.errors import UsageError, out_of_domain
 
 MACHINES = 16  # as much memory as accelerators may have that are not known yet
 MOST = 2**31 - 1  # whole numbers that shape a program are int32
+MOST_ASKED = 10**12  # more than any other whole number that is asked for
 
 
 def is_positive_whole(x: Any) -> bool:
@@ -28,6 +29,21 @@ def check_size(name: str, size: Any, most: float = math.inf) -> None:
     """Raise UsageError where a size is not a positive whole number, or more than `most`."""
     if wanted := fault_of_whole((size,), "a positive whole number", most):
         raise out_of_domain(name, size, wanted)
+
+
+def whole_number(name: str, value: Any, at_least: int) -> int:
+    """Return a whole number, which may be written as 1e6.
+
+    Raises:
+      UsageError: it is none, or less than `at_least`, or more than anyone asks for.
+    """
+    wanted = "a positive whole number" if at_least else "a whole number from 0"
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not math.isfinite(value) or value != int(value) or value < at_least:
+        raise out_of_domain(name, value, wanted)
+    if value > MOST_ASKED:
+        raise out_of_domain(name, value, f"{wanted}, at most {MOST_ASKED:.0e}")
+    return int(value)
 
 
 def divisor_below(number: int, most: int) -> int:

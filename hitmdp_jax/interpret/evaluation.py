@@ -11,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from brax.envs.base import Env
 
-from hitmdp_jax.checks import check_memory
+from hitmdp_jax.checks import check_memory, whole_number
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.interpret.episodes import run_episodes, run_in_gymnasium
 from hitmdp_jax.physics import ENGINES as PHYSICS
-from hitmdp_jax.runs.config import Task, whole_number
+from hitmdp_jax.runs.config import Task
 from hitmdp_jax.runs.policy import Policy
 
 ENGINES = (*PHYSICS, "gymnasium")

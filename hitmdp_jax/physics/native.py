@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
-from hitmdp_jax.errors import out_of_domain
+from hitmdp_jax.checks import whole_number
 from hitmdp_jax.machine import available_cores
 from hitmdp_jax.physics import host_call
 from hitmdp_jax.physics.base import Engine, PhysicsState, beyond_limits, blank_state
@@ -42,7 +42,7 @@ class NativeEngine(Engine):
       num_threads: threads of one call; 0 takes every core that the process may use.
 
     Raises:
-      UsageError: num_threads < 0.
+      UsageError: num_threads is not a whole number from 0.
     """
 
     name: ClassVar[str] = "native"
@@ -50,8 +50,7 @@ class NativeEngine(Engine):
     num_threads: int = 0
 
     def __post_init__(self):
-        if self.num_threads < 0:
-            raise out_of_domain("num_threads", self.num_threads, "a whole number from 0")
+        whole_number("num_threads", self.num_threads, at_least=0)
 
     def build(
         self,

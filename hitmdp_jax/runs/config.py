@@ -15,7 +15,7 @@ from brax.envs.base import Env
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import Agent, find_agent
 from hitmdp_jax.agents.base import hyperparameters_of
-from hitmdp_jax.checks import check_memory, divisor_below
+from hitmdp_jax.checks import check_memory, divisor_below, whole_number
 from hitmdp_jax.envs import check_engine, check_env, check_installed
 from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.envs.spec import Box, Observation, Spec, spec_of
@@ -35,7 +35,6 @@ BEFORE = {
 REPORT_STEPS = 2048
 REWARD = 4  # bytes of one, the least that a task's state holds
 SMALLEST = Spec(Observation((1,)), Box.unlimited(1))  # the least that a task may be
-MOST = 10**12  # more than any whole number that is asked for here
 WHOLE = {  # name -> the least value
     "seeds": 1,
     "total_steps": 1,
@@ -384,21 +383,6 @@ def _check_division(num_envs: int, data_devices: int) -> None:
             f"num_envs = {num_envs} is not divisible by data_devices = {data_devices}; the nearest "
             f"number below that divides it is {near}."
         )
-
-
-def whole_number(name: str, value: Any, at_least: int) -> int:
-    """Return a whole number, which may be written as 1e6.
-
-    Raises:
-      UsageError: it is none, or less than `at_least`, or more than anyone asks for.
-    """
-    wanted = "a positive whole number" if at_least else "a whole number from 0"
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not math.isfinite(value) or value != int(value) or value < at_least:
-        raise out_of_domain(name, value, wanted)
-    if value > MOST:
-        raise out_of_domain(name, value, f"{wanted}, at most {MOST:.0e}")
-    return int(value)
 
 
 def _like(name: str, value: Any, default: Any) -> Any:

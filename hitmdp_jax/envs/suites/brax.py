@@ -8,10 +8,8 @@ from brax.envs.base import Env
 
 from hitmdp_jax.envs.suites.base import Suite
 from hitmdp_jax.errors import unknown_name
-from hitmdp_jax.physics import PhysicsChoice
 
 BACKENDS = ("generalized", "spring", "positional", "mjx")  # of Brax's physics
-EPISODE_LENGTH = 1000  # control steps: Brax's own default, which its environments do not carry
 
 
 class BraxSuite(Suite):
@@ -31,12 +29,6 @@ class BraxSuite(Suite):
         if keywords.get("backend", BACKENDS[0]) not in BACKENDS:
             raise unknown_name("backend", keywords["backend"], BACKENDS)
         return task
-
-    def make(self, name: str, physics: PhysicsChoice, version: str = "v5", **keywords: Any) -> Env:
-        """Make a task, which carries its time limit."""
-        env = super().make(name, physics, version, **keywords)
-        env.episode_length = EPISODE_LENGTH  # pyright: ignore[reportAttributeAccessIssue]
-        return env
 
 
 SUITE = BraxSuite(prefix="brax/", own_physics=True, ours=False)

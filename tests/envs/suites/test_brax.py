@@ -2,6 +2,7 @@ import jax
 import numpy as np
 
 from hitmdp_jax import make_env
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.envs.vector import VectorEnv
 
 NUM_ENVS = 4
@@ -10,7 +11,7 @@ NUM_ENVS = 4
 def test_brax_environment_runs_through_episodes_of_its_own():
     env = make_env("brax/inverted_pendulum", backend="spring")
     assert env.backend == "spring"
-    assert env.episode_length == 1000
+    assert spec_of(env).episode_length == 1000
     vector_env = VectorEnv(env, NUM_ENVS, pool_size=16)
 
     @jax.jit
