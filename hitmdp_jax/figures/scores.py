@@ -46,8 +46,14 @@ def profiles(looks: Mapping[str, Style], scores: Sequence[np.ndarray]) -> Figure
     axes = figure.subplots()
     for (name, look), x in zip(looks.items(), scores, strict=True):
         x = np.sort(x[np.isfinite(x)])
-        above = 1 - np.arange(len(x)) / max(len(x), 1)
-        axes.plot(x, above, **look.line, drawstyle="steps-pre", label=plain(fill(name, LONGEST)))
+        above = np.linspace(1.0, 0.0, len(x) + 1)  # and beyond the last, none
+        axes.plot(
+            np.append(x, x[-1:]),
+            above[: 2 * len(x)],
+            **look.line,
+            drawstyle="steps-pre",
+            label=plain(fill(name, LONGEST)),
+        )
     axes.set(xlabel="return", ylabel="share of seeds above")
     axes.grid(alpha=0.3)
     columns = max(1, COLUMNS // min(max(map(len, looks)), LONGEST))

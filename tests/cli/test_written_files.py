@@ -108,7 +108,7 @@ LATE = [
     ((*REPORT, "{}/../run"), "../comparison.html", (report, "_named")),
     *((EXPORT, name, (export, "export")) for name in (EXPORTED, f"{EXPORTED}.json")),
     *((VIDEO, f"{FILMED}.{kind}", (video, "run_episodes")) for kind in ("mp4", "png")),
-    (DRAW, DRAWN, (figures, "_of_metrics")),
+    (DRAW, DRAWN, (figures, "_metrics_of")),
     (("reproduce", "causal", "{}"), f"{folder.FIGURES}/causal.png", (figures, "analysis_of")),
     (("reproduce", "theory", "run_dir={}"), "variance.png", (theorems, "sample_models")),
     (("reproduce", "compare", "run_dir={}"), "comparison.png", (reproduce, "train_arms")),
