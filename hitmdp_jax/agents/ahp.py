@@ -62,6 +62,10 @@ class AHP(ClippedOptionAgent):
         """Return V[s_t, o_{t-1}] [...]; the last output where an episode starts."""
         return at_option(heads.value, jnp.where(memory.initial, self.num_options, memory.previous))
 
+    def value_of(self, params: Any, obs: jax.Array, memory: OptionMemory) -> jax.Array:
+        """Return V[s, o_{t-1}] [...]."""
+        return self.value(self.heads(params, obs), memory)
+
     def option_of(self, record: tuple[jax.Array, jax.Array]) -> jax.Array:
         """Return the options that were executed."""
         return record[0]

@@ -213,6 +213,10 @@ class Agent(abc.ABC):
         """Return P(o_t | s_t, o_{t-1}) [..., K] for normalised observations [..., O], or None."""
         return None
 
+    def value_of(self, params: Any, obs: jax.Array, memory: Any) -> jax.Array | None:
+        """Return the critic's V [...] for normalised observations [..., O]; None without critic."""
+        return None
+
     def policy(self, params: Any, obs: jax.Array, option: Any) -> Any:
         """Return P(a | s, o), a distribution of Distrax, for normalised observations [..., O].
 

@@ -12,6 +12,7 @@ from hitmdp_jax.agents.base import static, traced
 from hitmdp_jax.agents.gradient_agent import GradientAgent
 from hitmdp_jax.envs.spec import Action
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.learning.options import expected_value
 from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEncoder
 
 INITIAL_OPTIONS = ("uniform", "first")
@@ -215,6 +216,11 @@ class HitPolicy(GradientAgent):
     def option_of(self, record: jax.Array) -> jax.Array:
         """Return the options that were executed."""
         return record
+
+    def value_of(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
+        """Return V[s, o_{t-1}] = sum_o P(o | s, o_{t-1}) Q_O[s, o] [...]."""
+        log_option = self.option_log_probs(params, obs, self.previous_option(memory))
+        return expected_value(log_option, self.every_q(params, obs, memory))
 
     def option_probs(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return P(o_t | s_t, o_{t-1}) [..., K]."""

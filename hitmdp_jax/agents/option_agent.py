@@ -98,6 +98,11 @@ class OptionAgent(GradientAgent):
         """Return the options that were executed."""
         return record
 
+    def value_of(self, params: Any, obs: jax.Array, memory: Any) -> jax.Array:
+        """Return V[s, o_{t-1}] = sum_o P(o | s, o_{t-1}) Q[s, o] [...]."""
+        heads = self.heads(params, obs)
+        return expected_value(self.option_log_probs(heads, memory), heads.value)
+
     def option_probs(self, params: Any, obs: jax.Array, memory: Any) -> jax.Array:
         """Return P(o_t | s_t, o_{t-1}) [..., K]."""
         return jnp.exp(self.option_log_probs(self.heads(params, obs), memory))

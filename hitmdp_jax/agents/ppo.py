@@ -50,6 +50,10 @@ class PPO(ScaledAgent):
         """Return the policy, a distribution, and the value [...] of obs [..., O]."""
         return self.network().apply({"params": params}, obs)
 
+    def value_of(self, params: Any, obs: jax.Array, memory: tuple[()]) -> jax.Array:
+        """Return V[s] [...]."""
+        return self.heads(params, obs)[1]
+
     def policy(self, params: Any, obs: jax.Array, option: Any = None) -> Any:
         """Return P(a | s), a distribution, for obs [..., O]; there are no options."""
         return self.heads(params, obs)[0]

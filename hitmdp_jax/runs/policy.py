@@ -16,7 +16,7 @@ from jax.typing import ArrayLike
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import AGENTS, Agent
 from hitmdp_jax.agents.base import check_hyperparameters, hyperparameters_of
-from hitmdp_jax.envs import make_env
+from hitmdp_jax.envs import engine_for, make_env
 from hitmdp_jax.envs.spec import Spec, spec_of
 from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.learning.normalization import normalize
@@ -61,6 +61,20 @@ class Policy(struct.PyTreeNode):
         obs = self.normalized(obs)
         action, memory, _ = self.agent.act(self.params, obs, memory, key, deterministic)
         return action, memory
+
+    def option_probs(self, obs: ArrayLike, memory: Any) -> jax.Array | None:
+        """Return P(o_t | s_t, what is remembered) [..., K] for raw observations; Raises as `act`.
+
+        None of a policy without options.
+        """
+        return self.agent.option_probs(self.params, self.normalized(obs), memory)
+
+    def value(self, obs: ArrayLike, memory: Any) -> jax.Array | None:
+        """Return the expected discounted return [...] from raw observations; Raises as `act`.
+
+        None of an algorithm that does not say.
+        """
+        return self.agent.value_of(self.params, self.normalized(obs), memory)
 
     def of(self, places: ArrayLike) -> "Policy":
         """Return the policy of one training, or of some, by their places among leaves [R, ...]."""
@@ -138,8 +152,11 @@ def load_all(
         iteration, saved, spec = checkpoints.restore_policy(checkpoint, task)
     finally:
         checkpoints.close()
-    if spec is None:  # it is older than specifications are
-        spec = spec_of(make_env(**config.task_at(iteration), physics=config.physics))
+    if spec is None:  # the checkpoint is older than specifications are
+        if not config.tasks:
+            raise UsageError(f"'{run_dir}' does not say what its policy observes: save it anew.")
+        learned = config.task_at(iteration)
+        spec = spec_of(make_env(**learned, physics=engine_for(learned["name"], "native")))
     agents = config.make_agent().replace(**config.swept).bind(spec)
     policy = Policy(agents, saved["params"], normalizer_of(saved))
     if not _fits(policy, len(config.trainings)):

@@ -44,10 +44,12 @@ def test_act_takes_any_batch_shape(agent, key, batch_shape):
     def act(key):
         params = agent.init(key, agent.spec).params
         memory = agent.initial_memory(key, batch_shape)
-        return memory, *agent.act(params, jnp.ones((*batch_shape, 5)), memory, key)
+        obs = jnp.ones((*batch_shape, 5))
+        value = agent.value_of(params, obs, memory)
+        return value, memory, *agent.act(params, obs, memory, key)
 
-    memory, action, new_memory, _ = jax.eval_shape(act, key)
-    assert action.shape == (*batch_shape, 2)
+    value, memory, action, new_memory, _ = jax.eval_shape(act, key)
+    assert (value.shape, action.shape) == (batch_shape, (*batch_shape, 2))
     assert jax.tree.map(jnp.shape, memory) == jax.tree.map(jnp.shape, new_memory)
 
 
