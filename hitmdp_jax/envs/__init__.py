@@ -9,7 +9,7 @@ from hitmdp_jax.checks import MOST, check_size
 from hitmdp_jax.envs.action_repeat import ActionRepeat
 from hitmdp_jax.envs.contract import check_task
 from hitmdp_jax.envs.keywords import check_keywords
-from hitmdp_jax.envs.suites import find_suite, suites
+from hitmdp_jax.envs.suites import all_suites, find_suite
 from hitmdp_jax.envs.suites.base import construct
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.physics import DEFAULT_ENGINE, PhysicsChoice
@@ -34,13 +34,13 @@ def list_envs() -> tuple[str, ...]:
 
     `make_env` makes those of other libraries, too (`suite_names`).
     """
-    ours = (name for suite in suites() if suite.ours for name in suite.names())
+    ours = (name for suite in all_suites() if suite.ours for name in suite.names())
     return (*ours, *_registered)
 
 
 def suite_names() -> tuple[str, ...]:
     """Return the names of the tasks of all suites."""
-    return tuple(name for suite in suites() for name in suite.names())
+    return tuple(name for suite in all_suites() for name in suite.names())
 
 
 def register_env(name: str, constructor: Callable[..., Env]) -> None:

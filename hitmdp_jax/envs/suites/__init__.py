@@ -5,7 +5,7 @@ import importlib
 
 from hitmdp_jax.envs.suites.base import Suite
 
-__all__ = ["SUITES", "Suite", "find_suite", "suites"]
+__all__ = ["SUITES", "Suite", "all_suites", "find_suite"]
 
 SUITES = (  # modules of this package, each with a `SUITE`
     "gym",
@@ -17,7 +17,7 @@ SUITES = (  # modules of this package, each with a `SUITE`
 
 
 @functools.cache
-def suites() -> tuple[Suite, ...]:
+def all_suites() -> tuple[Suite, ...]:
     """Return the suites."""
     modules = (importlib.import_module(f"{__name__}.{name}") for name in SUITES)
     return tuple(module.SUITE for module in modules)
@@ -29,7 +29,7 @@ def find_suite(name: str) -> Suite | None:
     None is returned for a name without the prefix of a suite that is no task of Gymnasium's, whose
     names have no prefix.
     """
-    for suite in suites():
+    for suite in all_suites():
         if name in suite.names() or (suite.prefix and name.startswith(suite.prefix)):
             return suite
     return None
