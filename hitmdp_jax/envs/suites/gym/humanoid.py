@@ -9,12 +9,9 @@ import jax.numpy as jnp
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.health import Health, within
-from hitmdp_jax.envs.suites.gym.humanoid_body import ROOT_Z, HumanoidSenses
-from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
-from hitmdp_jax.envs.suites.gym.task import GymTask
+from hitmdp_jax.envs.suites.gym.humanoid_body import FRAME_SKIP, ROOT_Z, HumanoidBody
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
-FRAME_SKIP = 5  # substeps of 0.003 s, RK4
 CONTACT_COST_WEIGHT = 5e-7
 
 # One control step errs by 1.1e-5 in qpos with 6 and 4 iterations as with 100 and 50, by 2e-4 with 5
@@ -23,7 +20,7 @@ MJX_BUDGET = SolverBudget(iterations=7, ls_iterations=4, contacts=12)
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
-class Humanoid(GymTask):
+class Humanoid(HumanoidBody):
     """Walk along x: reward is the mass centre's velocity (m/s), plus 5 for health, less costs.
 
     Observation [348]: torso height (m) and orientation (quaternion), seventeen joint angles (rad),
@@ -34,64 +31,35 @@ class Humanoid(GymTask):
 
     Args:
       physics: the engine; see `MujocoEnv`. MJX solves contacts by Newton, MuJoCo C by PGS.
-      version: "v5", or "v4", which observes constant zeros too [376; see `HumanoidSenses`], has no
+      version: "v5", or "v4", which observes constant zeros too [376; see `HumanoidBody`], has no
         contact cost and also pays the healthy reward for the step that ends the episode.
       forward_reward_weight: weight of the forward velocity.
-      ctrl_cost_weight: weight of the squared action.
       contact_cost_weight: weight of the squared contact forces; None: 5e-7 in v5, 0 in v4.
       contact_cost_range: the weighted contact cost is clipped to it.
       healthy_reward: reward of a healthy step.
       terminate_when_unhealthy: whether the episode ends there.
       healthy_z_range: open interval for the torso's height, m.
-      reset_noise_scale: half-width of the uniform noise on qpos and qvel.
-      exclude_current_positions_from_observation: leave the torso's x and y out of the observation.
-      include_cinert_in_observation: observe the bodies' inertias.
-      include_cvel_in_observation: observe the bodies' velocities.
-      include_qfrc_actuator_in_observation: observe the actuator torques.
-      include_cfrc_ext_in_observation: observe the external forces.
+      **keywords: see `HumanoidBody`.
     """
 
     reward_terms = ("reward_survive", "reward_forward", "reward_ctrl", "reward_contact")
 
     forward_reward_weight: float = 1.25
-    ctrl_cost_weight: float = 0.1
     contact_cost_weight: float | None = None
     contact_cost_range: tuple[float, float] = (-math.inf, 10.0)
     healthy_reward: float = 5.0
     terminate_when_unhealthy: bool = True
     healthy_z_range: tuple[float, float] = (1.0, 2.0)
-    reset_noise_scale: float = 1e-2
-    exclude_current_positions_from_observation: bool = True
-    include_cinert_in_observation: bool = True
-    include_cvel_in_observation: bool = True
-    include_qfrc_actuator_in_observation: bool = True
-    include_cfrc_ext_in_observation: bool = True
 
     def __post_init__(self, physics: PhysicsChoice):
         if self.contact_cost_weight is None:
             self.contact_cost_weight = CONTACT_COST_WEIGHT if self.version == "v5" else 0.0
-        self._senses = HumanoidSenses(
-            version=self.version,
-            positions=not self.exclude_current_positions_from_observation,
-            cinert=self.include_cinert_in_observation,
-            cvel=self.include_cvel_in_observation,
-            qfrc_actuator=self.include_qfrc_actuator_in_observation,
-            cfrc_ext=self.include_cfrc_ext_in_observation,
-        )
-        fields = {"xipos", *self._senses.fields}
+        fields = {"xipos", *self.observed_fields}
         if self.contact_cost_weight:
             fields.add("cfrc_ext")
         model = load_gymnasium_model("humanoid.xml")
         MujocoEnv.__init__(self, model, FRAME_SKIP, physics, sorted(fields), MJX_BUDGET)
         self._health = Health(self.healthy_reward, self.terminate_when_unhealthy, self.version)
-
-    def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Draw qpos and qvel uniformly around the standing pose."""
-        return uniform_around_rest(self.model, key, self.reset_noise_scale)
-
-    def observation(self, data: PhysicsState) -> jax.Array:
-        """Return positions, velocities and what the body feels."""
-        return self._senses.observation(data)
 
     def reward(
         self, before: PhysicsState, after: PhysicsState, action: jax.Array

@@ -8,12 +8,8 @@ import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
-from hitmdp_jax.envs.suites.gym.humanoid_body import ROOT_Z, HumanoidSenses
-from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
-from hitmdp_jax.envs.suites.gym.task import GymTask
+from hitmdp_jax.envs.suites.gym.humanoid_body import FRAME_SKIP, ROOT_Z, HumanoidBody
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
-
-FRAME_SKIP = 5  # substeps of 0.003 s, RK4
 
 # One control step errs by 1.1e-4 in qpos with 6 and 4 iterations as with 100 and 50, by 9e-4 with 5
 # and 4, by 3e-4 with 100 and 2. One iteration is to spare.
@@ -21,7 +17,7 @@ MJX_BUDGET = SolverBudget(iterations=7, ls_iterations=4, contacts=24)
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
-class HumanoidStandup(GymTask):
+class HumanoidStandup(HumanoidBody):
     """Stand up: reward is the height of the torso over a substep's time (m/s), plus 1, less costs.
 
     Observation [348] and action [17] are Humanoid's. There is no termination; the time limit is
@@ -29,50 +25,21 @@ class HumanoidStandup(GymTask):
 
     Args:
       physics: the engine; see `MujocoEnv`. MJX solves contacts by Newton, MuJoCo C by PGS.
-      version: "v5", or "v4", which observes constant zeros too [376; see `HumanoidSenses`].
-      ctrl_cost_weight: weight of the squared action.
+      version: "v5", or "v4", which observes constant zeros too [376; see `HumanoidBody`].
       impact_cost_weight: weight of the squared contact forces.
       impact_cost_range: the weighted impact cost is clipped to it.
-      reset_noise_scale: half-width of the uniform noise on qpos and qvel.
-      exclude_current_positions_from_observation: leave the torso's x and y out of the observation.
-      include_cinert_in_observation: observe the bodies' inertias.
-      include_cvel_in_observation: observe the bodies' velocities.
-      include_qfrc_actuator_in_observation: observe the actuator torques.
-      include_cfrc_ext_in_observation: observe the external forces.
+      **keywords: see `HumanoidBody`.
     """
 
     reward_terms = ("reward_linup", "reward_quadctrl", "reward_impact")
 
-    ctrl_cost_weight: float = 0.1
     impact_cost_weight: float = 0.5e-6
     impact_cost_range: tuple[float, float] = (-math.inf, 10.0)
-    reset_noise_scale: float = 1e-2
-    exclude_current_positions_from_observation: bool = True
-    include_cinert_in_observation: bool = True
-    include_cvel_in_observation: bool = True
-    include_qfrc_actuator_in_observation: bool = True
-    include_cfrc_ext_in_observation: bool = True
 
     def __post_init__(self, physics: PhysicsChoice):
-        self._senses = HumanoidSenses(
-            version=self.version,
-            positions=not self.exclude_current_positions_from_observation,
-            cinert=self.include_cinert_in_observation,
-            cvel=self.include_cvel_in_observation,
-            qfrc_actuator=self.include_qfrc_actuator_in_observation,
-            cfrc_ext=self.include_cfrc_ext_in_observation,
-        )
-        fields = sorted({"cfrc_ext", *self._senses.fields})
+        fields = sorted({"cfrc_ext", *self.observed_fields})
         model = load_gymnasium_model("humanoidstandup.xml")
         MujocoEnv.__init__(self, model, FRAME_SKIP, physics, fields, MJX_BUDGET)
-
-    def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Draw qpos and qvel uniformly around the lying pose."""
-        return uniform_around_rest(self.model, key, self.reset_noise_scale)
-
-    def observation(self, data: PhysicsState) -> jax.Array:
-        """Return positions, velocities and what the body feels."""
-        return self._senses.observation(data)
 
     def reward(
         self, before: PhysicsState, after: PhysicsState, action: jax.Array
