@@ -102,15 +102,9 @@ def run_episodes(
         else:
             decision = _follow(policy, state.obs, option, key, deterministic)
         new_state = as_before(jax.vmap(env.step)(state, decision["action"]), state)
-        seen = {
-            "obs": state.obs,
-            "reward": jnp.where(alive, new_state.reward, 0.0),
-            "alive": alive,
-            "control_steps": jnp.where(alive, steps_taken(state, new_state), 0),
-            "success": _so_far(new_state, alive),
-            **(_coordinates(state.pipeline_state) if physics else {}),
-        }
-        return (new_state, memory, alive & ~new_state.done.astype(bool)), decision | seen
+        coordinates = _coordinates(state.pipeline_state) if physics else {}
+        seen = decision | coordinates | _outcome(state, new_state, alive)
+        return (new_state, memory, alive & ~new_state.done.astype(bool)), seen
 
     start = (
         jax.vmap(env.reset)(jax.random.split(key_reset, num_episodes)),
@@ -200,10 +194,16 @@ def _follow(
     return in_32_bits({"action": action, "option": option, "option_probs": None})
 
 
-def _so_far(state: State, alive: jax.Array) -> jax.Array | None:
-    """Return whether episodes under way have reached their goal, [N]; None of tasks without one."""
-    reached = state.metrics.get("success")
-    return None if reached is None else jnp.where(alive, reached, 0.0)
+def _outcome(state: State, new_state: State, alive: jax.Array) -> dict[str, Any]:
+    """Return what a step saw and led to, nothing where the episode [N] has ended."""
+    reached = new_state.metrics.get("success")  # so far; None of tasks without a goal
+    return {
+        "obs": state.obs,
+        "reward": jnp.where(alive, new_state.reward, 0.0),
+        "alive": alive,
+        "control_steps": jnp.where(alive, steps_taken(state, new_state), 0),
+        "success": None if reached is None else jnp.where(alive, reached, 0.0),
+    }
 
 
 def _coordinates(data: Any) -> dict[str, jax.Array]:
