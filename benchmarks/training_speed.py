@@ -86,6 +86,7 @@ def rollout_program(agent: Agent, env: Any, config: RunConfig) -> tuple[Any, Any
     def step(state):
         def once(rollout, key):
             params, length = state.learner.params, config.rollout_length
+            rollout = rollout.replace(env=vector_env.refill(rollout.env, key))
             out = collect(agent, params, state.normalizer, vector_env, rollout, key, length)
             return out[0], out[1]
 

@@ -15,12 +15,19 @@ class Metric:
     """A metric, or all that a pattern such as `*_kl` names.
 
     "by episodes" is the mean weighted by the episodes that each value is a mean of. Where nothing
-    was measured a value is NaN, which no mean over seeds counts.
+    was measured a value is NaN, which no mean over seeds counts, except where a metric has a
+    `cause`: it is always measured, and one that is not finite means that the training diverged.
     """
 
     meaning: str
     unit: str = ""
     over_iterations: Literal["mean", "sum", "by episodes", "last"] = "mean"
+    cause: Literal["", "loss", "policy"] = ""  # of a divergence, where it is not finite
+
+
+def of_policy(meaning: str, unit: str) -> Metric:
+    """Return a metric that every iteration has while the policy's numbers are finite."""
+    return Metric(meaning, unit, cause="policy")
 
 
 VOCABULARY: dict[str, Metric] = {
@@ -47,13 +54,14 @@ VOCABULARY: dict[str, Metric] = {
     "option_steps": Metric("actions that each option chose", "actions", "sum"),
     "option_activations": Metric("times that each option was taken up", "", "sum"),
     # Policies.
-    "action_entropy": Metric("entropy of the action policy of the option followed", "nats"),
-    "option_entropy": Metric("entropy of P(o_t | s_t, o_{t-1})", "nats"),
-    "master_entropy": Metric("entropy of pi(o | s), who chooses where an option ends", "nats"),
-    "belief_entropy": Metric("entropy of P(o_t | s_0..s_t, a_0..a_{t-1})", "nats"),
-    "termination": Metric("mean beta_{o_t}(s_{t+1}), the probability to end", "probability"),
-    "information": Metric("mean I_t of the ELBO (HiT-MDP, Thm 4.1), unweighted", "nats"),
+    "action_entropy": of_policy("entropy of the action policy of the option followed", "nats"),
+    "option_entropy": of_policy("entropy of P(o_t | s_t, o_{t-1})", "nats"),
+    "master_entropy": of_policy("entropy of pi(o | s), who chooses where an option ends", "nats"),
+    "belief_entropy": of_policy("entropy of P(o_t | s_0..s_t, a_0..a_{t-1})", "nats"),
+    "termination": of_policy("mean beta_{o_t}(s_{t+1}), the probability to end", "probability"),
+    "information": of_policy("mean I_t of the ELBO (HiT-MDP, Thm 4.1), unweighted", "nats"),
     # Learning.
+    "loss": Metric("what the gradients are of, over all minibatches", cause="loss"),
     "*_kl": Metric("KL(old || new) of the policy of that name, over all minibatches", "nats"),
     "*_clip_fraction": Metric("samples whose ratio left the clipping interval", "share of samples"),
     "learning_rate": Metric("Adam's, where it follows the KL", ""),

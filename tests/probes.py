@@ -7,8 +7,11 @@ from brax.envs.base import Env, State
 from flax import struct
 
 import hitmdp_jax
+from hitmdp_jax.agents import PPO
+from hitmdp_jax.agents.base import static
 from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.envs.suites.toy.turkey import Turkey
+from hitmdp_jax.learning import replay as replays
 from hitmdp_jax.learning.normalization import initial_statistics
 from hitmdp_jax.runs.policy import Policy
 from hitmdp_jax.training.sweep import Training
@@ -115,3 +118,21 @@ def untrained(agent, seeds, env=None):
     shapes = jax.eval_shape(jax.vmap(init), keys)
     zeros = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), shapes.replace(key=()))
     return zeros.replace(key=keys)
+
+
+class Remembering(PPO):
+    """PPO that also remembers, as off-policy agents do: its metric is the mean of old rewards."""
+
+    capacity: int = static(64)
+
+    def init_replay(self, spec):
+        return replays.empty((jnp.zeros(spec.observation.size), jnp.zeros(())), self.capacity)
+
+    def store(self, replay, batch):
+        steps = batch.reward.size
+        return replays.add(replay, (batch.obs.reshape(steps, -1), batch.reward.reshape(steps)))
+
+    def update(self, state, batch, key):
+        _, rewards = replays.sample(batch.replay, key, 32)
+        state, metrics = super().update(state, batch, key)
+        return state, metrics | {"remembered": rewards.mean()}

@@ -91,11 +91,10 @@ def _fault_of_number(value: Any, low: float, high: float, infinite: bool, positi
 
 
 class LearnerState(struct.PyTreeNode):
-    """What an agent's update changes."""
+    """What an agent's update changes; an algorithm that needs more has a subclass of its own."""
 
     params: Any
     opt_state: Any
-    extra: Any = ()  # what only some algorithms need: OC's target network
 
 
 @dataclass_transform(frozen_default=True)
@@ -199,11 +198,27 @@ class Agent(abc.ABC):
           `update` needs.
         """
 
+    def init_replay(self, spec: Spec) -> Any:
+        """Return an empty memory of rollouts; an off-policy agent has one (`learning.replay`).
+
+        It is not part of the learner: it may be large, is updated in place, and is saved with a
+        run only where that is asked for.
+        """
+        return ()
+
+    def store(self, replay: Any, batch: Batch) -> Any:
+        """Return the replay with a rollout in it, raw; `update` finds it in `batch.replay`."""
+        return replay
+
     @abc.abstractmethod
     def update(
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:
-        """Learn from one rollout. The metrics' names are explained in `metrics`."""
+        """Learn from one rollout, whose observations are raw (`Batch.normalized`).
+
+        The metrics' names are explained in `metrics`. A `loss` among them that is not finite ends
+        the training's learning, as parameters do that are not.
+        """
 
     def option_of(self, record: Any) -> jax.Array | None:
         """Return the options [...] that were executed; None where the algorithm has none."""

@@ -58,6 +58,11 @@ def _fault(agent: Agent, num_envs: int, length: int) -> str | None:
     if fault := difference(memory, new_memory, "its initial_memory", "its act"):
         return fault
     batch = _batch(obs, action, memory, record, length)
+    replay = traced(lambda: agent.init_replay(spec))
+    stored = traced(agent.store, replay, batch)
+    if fault := difference(replay, stored, "its init_replay", "its store"):
+        return fault
+    batch = batch.replace(replay=stored)
     updated = traced(agent.update, state, batch, key)
     if not isinstance(updated, tuple) or len(updated) != 2 or not isinstance(updated[1], Mapping):
         return "its update must return two things: the LearnerState and a dictionary of metrics"

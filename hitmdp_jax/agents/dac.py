@@ -36,11 +36,11 @@ class DAC(ClippedOptionAgent):
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:
         """Evaluate the rollout, then run PPO on the high MDP and on the low one."""
-        data, metrics = self.targets(state.params, batch)
+        data, metrics = self.targets(state.params, batch.normalized())
         key_high, key_low = jax.random.split(key)
         state, high = self.optimize(self.high_loss, state, data, key_high)
         state, low = self.optimize(self.low_loss, state, data, key_low)
-        return state, metrics | high | low
+        return state, metrics | high | low | {"loss": high["loss"] + low["loss"]}
 
     def high_loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return a minibatch's loss in the high MDP: surrogate, entropy, squared error of V."""

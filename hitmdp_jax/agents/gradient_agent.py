@@ -13,13 +13,12 @@ from hitmdp_jax.checks import divisor_below
 from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.advantages import discounted_returns, generalized_advantages, spread
-from hitmdp_jax.learning.optimization import Loss, adam, adapted_share, minibatch_epochs
+from hitmdp_jax.learning.optimization import Loss, adam, minibatch_epochs
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.surrogate import clipped_surrogate
 from hitmdp_jax.learning.value_scale import decay, rescale
 from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks.mlp import ACTIVATIONS
-from hitmdp_jax.precision import in_32_bits
 
 
 class GradientAgent(Agent):
@@ -60,9 +59,9 @@ class GradientAgent(Agent):
 
 
 class ClippedAgent(GradientAgent):
-    """An agent that evaluates a rollout and climbs clipped surrogates in epochs of minibatches.
+    """An agent that climbs clipped surrogates of a rollout in epochs of minibatches, as PPO does.
 
-    An algorithm is its `targets` and its `loss`; another objective is another `surrogate`.
+    Another objective is another `surrogate`.
     """
 
     gae_lambda: float = traced(0.95, high=1.0)
@@ -79,28 +78,6 @@ class ClippedAgent(GradientAgent):
                 f"{spelled} = {num_samples} is not divisible by minibatch_size = {size}; "
                 f"the nearest size below that divides it is {near}."
             )
-
-    @abc.abstractmethod
-    def targets(self, params: Any, batch: Batch) -> tuple[dict[str, Any], Metrics]:
-        """Evaluate a rollout into what the loss reads, [T, B, ...], and metrics."""
-
-    def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
-        """Return the loss of a minibatch [N, ...], and metrics."""
-        raise NotImplementedError("an algorithm has a `loss`, or an `update` that needs none")
-
-    def update(
-        self, state: LearnerState, batch: Batch, key: jax.Array
-    ) -> tuple[LearnerState, Metrics]:
-        """Evaluate the rollout, then learn from it."""
-        data, metrics = in_32_bits(self.targets(state.params, batch))  # Distrax's entropy is not
-        state, diagnostics = self.learn(state, data, key)
-        return state, metrics | diagnostics
-
-    def learn(
-        self, state: LearnerState, data: dict[str, Any], key: jax.Array
-    ) -> tuple[LearnerState, Metrics]:
-        """Run `num_epochs` of minibatches on the loss."""
-        return self.optimize(self.loss, state, data, key)
 
     def advantages(
         self, batch: Batch, reward: jax.Array, value: jax.Array, next_value: jax.Array
@@ -120,12 +97,13 @@ class ClippedAgent(GradientAgent):
     def surrogate(
         self, name: str, log_prob: jax.Array, old_log_prob: jax.Array, advantage: jax.Array
     ) -> tuple[jax.Array, Metrics]:
-        """Return the objective of one policy, to be maximised, and diagnostics of that name."""
+        """Return the objective of one policy, to be maximised, and diagnostics.
+
+        Of them `<name>_kl` is what the learning rate may follow.
+        """
         return clipped_surrogate(log_prob, old_log_prob, advantage, self.clip_eps, name)
 
-    def optimize(
-        self, loss: Loss, state: LearnerState, data: Any, key: jax.Array
-    ) -> tuple[LearnerState, Metrics]:
+    def optimize(self, loss: Loss, state: Any, data: Any, key: jax.Array) -> tuple[Any, Metrics]:
         """Run `num_epochs` of minibatches of the data [T, B, ...] on a loss."""
         params, opt_state, diagnostics = minibatch_epochs(
             loss,
@@ -140,11 +118,16 @@ class ClippedAgent(GradientAgent):
         return state.replace(params=params, opt_state=opt_state), diagnostics
 
 
+class ScaledState(LearnerState):
+    """What an update of a scaled agent changes."""
+
+    rate_share: jax.Array  # of the learning rate: moves no policy by more than `target_kl`
+
+
 class ScaledAgent(ClippedAgent):
     """A clipped agent whose steps fit the task: its critic's in units of returns, and all in KL.
 
-    It has a `networks.Critic`, fitted to `value_target`. The state's `extra` is the share of the
-    learning rate with which an update moves no policy by more than `target_kl`.
+    It has a `networks.Critic`, fitted to `value_target`.
     """
 
     entropy_weight: float = traced(0.0)  # a_H
@@ -152,10 +135,10 @@ class ScaledAgent(ClippedAgent):
     normalize_values: bool = static(True)
     value_decay: float = traced(0.03, high=1.0)  # an update's, with normalize_values
 
-    def init(self, key: jax.Array, spec: Spec) -> LearnerState:
+    def init(self, key: jax.Array, spec: Spec) -> ScaledState:
         """Return new parameters and optimiser state for a task, and the whole learning rate."""
-        state = super().init(key, spec)
-        return state.replace(extra=jnp.ones((), jnp.float32))
+        new = super().init(key, spec)
+        return ScaledState(new.params, new.opt_state, jnp.ones((), jnp.float32))
 
     def bonus(self, advantage: jax.Array) -> jax.Array:
         """Return what a loss weighs an entropy with [T, B], beside that advantage standardised.
@@ -165,21 +148,12 @@ class ScaledAgent(ClippedAgent):
         """
         return jnp.full_like(advantage, self.entropy_weight / spread(advantage))
 
-    def learn(
-        self, state: LearnerState, data: dict[str, Any], key: jax.Array
-    ) -> tuple[LearnerState, Metrics]:
-        """Rescale the critic, run `num_epochs` of minibatches on the loss, and adapt the rate."""
-        if self.normalize_values:
-            critic = rescale(state.params["critic"], data["value_target"])
-            critic = decay(critic, self.value_decay)
-            state = state.replace(params=state.params | {"critic": critic})
-        rate = state.extra * self.learning_rate
-        state, metrics = self.replace(learning_rate=rate).optimize(self.loss, state, data, key)
-        # None where a surrogate of one's own does not measure it.
-        each = [x for name, x in metrics.items() if name.endswith("_kl")]
-        kl = jnp.stack([jnp.zeros_like(state.extra), *each]).max()
-        share = adapted_share(state.extra, kl, self.target_kl)
-        return state.replace(extra=share), metrics | {"learning_rate": rate}
+    def rescaled(self, state: ScaledState, value_target: jax.Array) -> ScaledState:
+        """Return the state with its critic in the units of what it is about to be fitted to."""
+        if not self.normalize_values:
+            return state
+        critic = decay(rescale(state.params["critic"], value_target), self.value_decay)
+        return state.replace(params=state.params | {"critic": critic})
 
     def value_loss(
         self, params: Any, value: jax.Array, data: dict[str, Any]

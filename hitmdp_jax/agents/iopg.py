@@ -79,6 +79,7 @@ class IOPG(OptionAgent):
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:
         """Take one step of REINFORCE with a baseline."""
+        batch = batch.normalized()
         heads, heads_next = (self.heads(state.params, x) for x in (batch.obs, batch.next_obs))
         log_belief, log_posterior, _ = self.infer(state.params, batch)
         log_belief_next = option_belief(

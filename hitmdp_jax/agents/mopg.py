@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import static, traced
-from hitmdp_jax.agents.gradient_agent import ScaledAgent
+from hitmdp_jax.agents.gradient_agent import ScaledAgent, ScaledState
 from hitmdp_jax.agents.hit_policy import HitPolicy
 from hitmdp_jax.learning import mutual_information as mi
 from hitmdp_jax.learning.advantages import standardize
+from hitmdp_jax.learning.optimization import adapted_share
 from hitmdp_jax.learning.options import (
     at_option,
     entropy,
@@ -21,6 +22,7 @@ from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.schedules import SCHEDULES, anneal
 from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks.action_heads import log_prob_of_each
+from hitmdp_jax.precision import in_32_bits
 
 
 class MOPG(HitPolicy, ScaledAgent):
@@ -51,6 +53,23 @@ class MOPG(HitPolicy, ScaledAgent):
             self.entropy_schedule, self.entropy_weight, self.final_entropy_weight, progress
         )
         return self.replace(entropy_weight=annealed)
+
+    def update(
+        self, state: ScaledState, batch: Batch, key: jax.Array
+    ) -> tuple[ScaledState, Metrics]:
+        """Learn from one rollout, in this order."""
+        # What the rollout says of both policies and the critic, as they were when it was made.
+        data, metrics = self.targets(state.params, batch.normalized())
+        data, metrics = in_32_bits((data, metrics))  # Distrax's entropy is not
+        # The critic's units become those of its targets; no value changes by that.
+        state = self.rescaled(state, data["value_target"])
+        # Epochs of minibatches on one loss, both surrogates and the critic's.
+        rate = state.rate_share * self.learning_rate
+        state, learned = self.replace(learning_rate=rate).optimize(self.loss, state, data, key)
+        # The next update's rate follows how far the policy went that went further.
+        kl = jnp.maximum(learned["option_kl"], learned["action_kl"])
+        share = adapted_share(state.rate_share, kl, self.target_kl)
+        return state.replace(rate_share=share), metrics | learned | {"learning_rate": rate}
 
     def targets(self, params: Any, batch: Batch) -> tuple[dict[str, Any], Metrics]:
         """Evaluate a rollout into what the loss reads, [T, B, ...], and metrics."""

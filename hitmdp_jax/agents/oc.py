@@ -23,6 +23,12 @@ class TargetNetwork(struct.PyTreeNode):
     age: jax.Array  # int32, steps of each environment since it was copied
 
 
+class TargetState(LearnerState):
+    """What an update of OC changes."""
+
+    target: TargetNetwork
+
+
 class OC(OptionAgent):
     """Learns Q[s, o], and from it the terminations and, by policy gradient, the action policies.
 
@@ -49,17 +55,18 @@ class OC(OptionAgent):
         master = self.epsilon / self.num_options + (1.0 - self.epsilon) * best
         return heads.replace(log_master=jnp.log(master))
 
-    def init(self, key: jax.Array, spec: Spec) -> LearnerState:
+    def init(self, key: jax.Array, spec: Spec) -> TargetState:
         """Return new parameters, optimiser state and target network for a task."""
-        state = super().init(key, spec)
-        return state.replace(extra=TargetNetwork(state.params, jnp.zeros((), jnp.int32)))
+        new = super().init(key, spec)
+        target = TargetNetwork(new.params, jnp.zeros((), jnp.int32))
+        return TargetState(new.params, new.opt_state, target)
 
     def update(
-        self, state: LearnerState, batch: Batch, key: jax.Array
-    ) -> tuple[LearnerState, Metrics]:
+        self, state: TargetState, batch: Batch, key: jax.Array
+    ) -> tuple[TargetState, Metrics]:
         """Take one gradient step, and copy the target network when it is due."""
+        batch, target = batch.normalized(), state.target
         data, metrics = self.targets(state.params, batch)
-        target = state.extra
         reached = self.value_upon_arrival(target.params, batch.next_obs, batch.record)
         data["q_target"] = self.returns(batch, reached)
         params, opt_state, diagnostics = gradient_step(
@@ -71,7 +78,7 @@ class OC(OptionAgent):
             jax.tree.map(lambda new, old: jnp.where(due, new, old), params, target.params),
             jnp.where(due, 0, age),
         )
-        return LearnerState(params, opt_state, target), metrics | diagnostics
+        return TargetState(params, opt_state, target), metrics | diagnostics
 
     def value_upon_arrival(self, params: Any, obs: jax.Array, option: jax.Array) -> jax.Array:
         """Return U[s, o] [...], the value of reaching s while o is under way (Bacon's Eq. 3)."""

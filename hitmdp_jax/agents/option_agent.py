@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from hitmdp_jax.agents.base import static
+from hitmdp_jax.agents.base import LearnerState, static
 from hitmdp_jax.agents.gradient_agent import ClippedAgent, GradientAgent
 from hitmdp_jax.learning.advantages import standardize
 from hitmdp_jax.learning.options import (
@@ -23,6 +23,7 @@ from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks import OptionHeads, OptionNetwork
 from hitmdp_jax.networks.mlp import ACTIVATIONS
+from hitmdp_jax.precision import in_32_bits
 
 
 class OptionValues(struct.PyTreeNode):
@@ -153,7 +154,23 @@ class OptionAgent(GradientAgent):
 
 
 class ClippedOptionAgent(OptionAgent, ClippedAgent):
-    """An option agent whose policies PPO optimises."""
+    """An option agent whose policies PPO optimises.
+
+    An algorithm is its `targets` and its `loss`, or an `update` of its own.
+    """
+
+    def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
+        """Return the loss of a minibatch [N, ...], and metrics."""
+        raise NotImplementedError("an algorithm has a `loss`, or an `update` that needs none")
+
+    def update(
+        self, state: LearnerState, batch: Batch, key: jax.Array
+    ) -> tuple[LearnerState, Metrics]:
+        """Evaluate the rollout, then learn from it."""
+        data, metrics = self.targets(state.params, batch.normalized())
+        data, metrics = in_32_bits((data, metrics))  # Distrax's entropy is not
+        state, learned = self.optimize(self.loss, state, data, key)
+        return state, metrics | learned
 
     def advantage_and_return(
         self, batch: Batch, value: jax.Array, value_next: jax.Array

@@ -6,12 +6,14 @@ import flax.linen as nn
 import jax
 
 from hitmdp_jax.agents.base import traced
-from hitmdp_jax.agents.gradient_agent import ScaledAgent
+from hitmdp_jax.agents.gradient_agent import ScaledAgent, ScaledState
 from hitmdp_jax.envs.spec import Action
 from hitmdp_jax.learning.advantages import standardize
+from hitmdp_jax.learning.optimization import adapted_share
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks import ActionDecoder, Critic
+from hitmdp_jax.precision import in_32_bits
 
 
 class PPONetwork(nn.Module):
@@ -69,6 +71,22 @@ class PPO(ScaledAgent):
         """Draw a_t; the deterministic policy takes the likeliest."""
         policy, _ = self.heads(params, obs)
         return (policy.mode() if deterministic else policy.sample(seed=key)), (), ()
+
+    def update(
+        self, state: ScaledState, batch: Batch, key: jax.Array
+    ) -> tuple[ScaledState, Metrics]:
+        """Learn from one rollout, in this order."""
+        # What the rollout says of the policy and the critic, as they were when it was made.
+        data, metrics = self.targets(state.params, batch.normalized())
+        data, metrics = in_32_bits((data, metrics))  # Distrax's entropy is not
+        # The critic's units become those of its targets; no value changes by that.
+        state = self.rescaled(state, data["value_target"])
+        # Epochs of minibatches on one loss, the surrogate and the critic's.
+        rate = state.rate_share * self.learning_rate
+        state, learned = self.replace(learning_rate=rate).optimize(self.loss, state, data, key)
+        # The next update's rate follows how far the policy went.
+        share = adapted_share(state.rate_share, learned["action_kl"], self.target_kl)
+        return state.replace(rate_share=share), metrics | learned | {"learning_rate": rate}
 
     def targets(self, params: Any, batch: Batch) -> tuple[dict[str, Any], Metrics]:
         """Evaluate a rollout into what the loss reads, [T, B, ...], and metrics."""

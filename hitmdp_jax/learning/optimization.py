@@ -43,10 +43,14 @@ def adapted_share(share: jax.Array, kl: jax.Array, target_kl: jax.Array | float)
 def gradient_step(
     loss: Loss, optimizer: optax.GradientTransformation, params: Any, opt_state: Any, data: Any
 ) -> tuple[Any, Any, dict[str, jax.Array]]:
-    """Take one step on all the data; return the new params, optimiser state and diagnostics."""
-    grads, diagnostics = jax.grad(loss, has_aux=True)(params, data)
+    """Take one step on all the data.
+
+    Returns:
+      The new params and optimiser state, and the loss's diagnostics with the `loss` itself.
+    """
+    (value, diagnostics), grads = jax.value_and_grad(loss, has_aux=True)(params, data)
     updates, opt_state = optimizer.update(grads, opt_state, params)
-    return optax.apply_updates(params, updates), opt_state, diagnostics
+    return optax.apply_updates(params, updates), opt_state, diagnostics | {"loss": value}
 
 
 def minibatch_epochs(
@@ -73,7 +77,8 @@ def minibatch_epochs(
       minibatch_size: samples a step.
 
     Returns:
-      The new params and optimiser state, and the diagnostics averaged over all steps.
+      The new params and optimiser state, and the diagnostics, the `loss` among them, averaged over
+      all steps.
     """
     num_samples = len(jax.tree.leaves(data)[0])
 

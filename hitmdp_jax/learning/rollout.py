@@ -36,8 +36,8 @@ class RolloutState(struct.PyTreeNode):
 class Batch(struct.PyTreeNode):
     """A rollout as an agent's update reads it: T steps of B environments."""
 
-    obs: jax.Array  # [T, B, O] normalised
-    next_obs: jax.Array  # [T, B, O] normalised; the state reached, before any reset
+    obs: jax.Array  # [T, B, O] as the environments showed them; see `normalized`
+    next_obs: jax.Array  # [T, B, O] the state reached, before any reset
     action: jax.Array  # [T, B, A]
     memory: Any  # [T, B, ...] what the agent remembered when it acted
     record: Any  # [T, B, ...] what the agent noted when it acted
@@ -45,6 +45,18 @@ class Batch(struct.PyTreeNode):
     terminated: jax.Array  # [T, B] bool
     truncated: jax.Array  # [T, B] bool
     started: jax.Array  # [T, B] bool, the first step of an episode
+    normalizer: NestedMeanStd | None = None  # with which the policy saw them; None: as they are
+    replay: Any = ()  # the agent's own, this rollout in it already; see `Agent.init_replay`
+
+    def normalized(self) -> "Batch":
+        """Return the rollout with its observations as the policy saw them."""
+        if self.normalizer is None:
+            return self
+        return self.replace(
+            obs=normalize(self.obs, self.normalizer),
+            next_obs=normalize(self.next_obs, self.normalizer),
+            normalizer=None,
+        )
 
 
 def collect(
@@ -55,11 +67,11 @@ def collect(
     state: RolloutState,
     key: jax.Array,
     length: int,
-) -> tuple[RolloutState, Batch, Step, jax.Array]:
+) -> tuple[RolloutState, Batch, Step]:
     """Run the policy for `length` steps in every environment.
 
     The normaliser is frozen meanwhile, so that the update sees the log-probabilities the rollout
-    had; update it with the raw observations afterwards.
+    had; update it with the batch's observations afterwards.
 
     Args:
       agent: the policy.
@@ -71,9 +83,8 @@ def collect(
       length: T.
 
     Returns:
-      The new state, the batch, the environments' steps [T, B] and the raw observations [T, B, O].
+      The new state, the batch and the environments' steps [T, B].
     """
-    key_pool, key_steps = jax.random.split(key)
 
     def step(carry: RolloutState, key: jax.Array):
         key_act, key_memory = jax.random.split(key)
@@ -90,13 +101,12 @@ def collect(
         new_memory = jax.tree.map(restart, fresh, new_memory)
         return RolloutState(env_state, new_memory), (obs, memory, action, record, outcome)
 
-    state = state.replace(env=env.refill(state.env, key_pool))
     state, (obs, memory, action, record, outcome) = jax.lax.scan(
-        step, state, jax.random.split(key_steps, length)
+        step, state, jax.random.split(key, length)
     )
     batch = Batch(
-        obs=normalize(obs, normalizer),
-        next_obs=normalize(outcome.next_obs, normalizer),
+        obs=obs,
+        next_obs=outcome.next_obs,
         action=action,
         memory=memory,
         record=record,
@@ -104,5 +114,6 @@ def collect(
         terminated=outcome.terminated,
         truncated=outcome.truncated,
         started=outcome.started,
+        normalizer=normalizer,
     )
-    return state, batch, outcome, obs
+    return state, batch, outcome

@@ -53,6 +53,7 @@ Task = dict[str, Any]  # a task's name, version and keywords, as `make_env` take
 BESIDE_THE_POINT = (
     "data_devices",
     "checkpoint_steps",
+    "save_replay",
     "eval_every",
     "eval_episodes",
     "video_every",
@@ -78,6 +79,7 @@ class RunConfig:
     rollout_length: int = 128
     data_devices: int = 1
     checkpoint_steps: int = 250_000
+    save_replay: bool = False
     eval_every: int = 0
     eval_episodes: int = 20
     video_every: int = 0
@@ -107,6 +109,8 @@ class RunConfig:
         values["wandb"] = "off" if wandb is False else wandb
         if values["wandb"] not in WANDB:
             raise unknown_name("wandb", str(values["wandb"]), WANDB)
+        if not isinstance(values.get("save_replay", False), bool):
+            raise out_of_domain("save_replay", values["save_replay"], "true or false")
         for name in GROUPS:
             given = values.get(name)
             named = isinstance(given, Mapping) and "name" in given
@@ -134,7 +138,7 @@ class RunConfig:
     ) -> None:
         """Check that what a run must hold at once can fit into memory, before any of it is made.
 
-        The estimate is a lower bound. It counts the parameters, the optimiser and the states of
+        The estimate is a lower bound. It counts the parameters, the optimiser, the replay and the states of
         the environments and of the pool of each training, and the observations, actions and rewards
         of the rollouts.
 
@@ -162,11 +166,13 @@ class RunConfig:
             state = _bytes_of(jax.eval_shape(env.reset, jax.random.key(0)))
         # An algorithm of one's own may not learn of any sizes.
         if env is not None or not plugins.is_own(self.algo["name"]):
-            arrays = jax.eval_shape(lambda: agent.init(jax.random.key(0), spec))
+            arrays = jax.eval_shape(
+                lambda: (agent.init(jax.random.key(0), spec), agent.init_replay(spec))
+            )
             learner = _bytes_of(arrays)
         check_memory(
             {
-                "seeds and the sizes of algo's networks": trainings * learner,
+                "seeds and the sizes of algo's networks and replay": trainings * learner,
                 "seeds, num_envs and rollout_length": trainings * states * state
                 + at_once * steps * REWARD * (spec.observation.size + math.prod(spec.action.shape) + 1),
                 "eval_episodes": 24 * self.eval_episodes if self.eval_every else 0,

@@ -115,10 +115,22 @@ def run(run: Run, run_dir: Path, *, resume: bool = False, hooks: Sequence[Hook] 
 
 
 def prepare(run: Run, task: int, progress: Progress) -> Iterate:
-    """Move on to a task: its state into `progress`, and its iteration compiled."""
+    """Move on to a task: its state into `progress`, and its iteration compiled.
+
+    The iteration is given the replay's memory to write into; the rest of the state, which is small,
+    may still be on its way into a checkpoint.
+    """
     init, step = run.programs(task)
     progress.state, progress.task = run.begin(task, progress, init), task
-    return step.lower(progress.state).compile()  # pyright: ignore[reportFunctionMemberAccess]
+
+    def donated(replay: Any, rest: TrainState) -> tuple[TrainState, Metrics]:
+        return step(rest.replace(replay=replay))
+
+    def parts(state: TrainState) -> tuple[Any, TrainState]:
+        return state.replay, state.replace(replay=())
+
+    program = jax.jit(donated, donate_argnums=0).lower(*parts(progress.state)).compile()
+    return lambda state: program(*parts(state))
 
 
 def iterate(

@@ -13,6 +13,7 @@ from jax.sharding import Mesh
 from hitmdp_jax.agents import Agent
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.physics import find_engine
+from hitmdp_jax.precision import in_32_bits
 from hitmdp_jax.runs import processes
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress, with_raw_keys
 from hitmdp_jax.runs.config import RunConfig
@@ -112,12 +113,27 @@ class Run:
             fresh = init(of_start, state.hyperparameters)
             state = transfer(state.replace(key=keys), fresh)
         # Laid out alike, fresh or restored: the program is one, and is compiled once for both.
-        return place(state, self.mesh)
+        return place(self.with_replay(state), self.mesh)
+
+    def with_replay(self, state: TrainState) -> TrainState:
+        """Return a state with an empty replay where its checkpoint had none."""
+        if jax.tree.leaves(state.replay):
+            return state
+
+        def empty(hyperparameters: Hyperparameters) -> Any:
+            return in_32_bits(self.agent.replace(**hyperparameters).init_replay(state.spec))
+
+        return state.replace(replay=jax.vmap(empty)(state.hyperparameters))
 
     def abstract_state(self, task: int) -> TrainState:
-        """Return the shapes and types of the state [R, ...] while the run is on a task."""
+        """Return the shapes and types of the state [R, ...] that a checkpoint of a task holds."""
         init, _ = self.program(task)
-        return jax.eval_shape(lambda: jax.vmap(init)(self.keys(), self.hyperparameters()))
+        state = jax.eval_shape(lambda: jax.vmap(init)(self.keys(), self.hyperparameters()))
+        return self.kept(state)
+
+    def kept(self, state: TrainState) -> TrainState:
+        """Return of a state what checkpoints keep: the replay only where that is asked for."""
+        return state if self.config.save_replay else state.replace(replay=())
 
     def own(self, tree: Any) -> Any:
         """Return the arrays [R, ...] of the run's trainings, without what `place` repeated."""
@@ -126,7 +142,8 @@ class Run:
 
     def saved(self, progress: Progress) -> Progress:
         """Return what a checkpoint keeps of where the run stands; all processes are needed."""
-        state = processes.gathered(progress.state, self.mesh)
+        assert progress.state is not None
+        state = processes.gathered(self.kept(progress.state), self.mesh)
         return dataclasses.replace(progress, state=self.own(state))
 
     def restore(self, checkpoints: Checkpoints) -> Progress:

@@ -1,7 +1,6 @@
 """The training program: pure functions of a key that jit, vmap and scan."""
 
 import dataclasses
-import fnmatch
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +9,7 @@ import jax.numpy as jnp
 from brax.envs.base import Env
 from brax.training.acme.running_statistics import RunningStatisticsState
 from flax import struct
+from jax.custom_batching import custom_vmap
 from jax.flatten_util import ravel_pytree
 
 from hitmdp_jax.agents.base import Agent, LearnerState, check_hyperparameters
@@ -30,9 +30,8 @@ from hitmdp_jax.precision import in_32_bits
 CAUSES = (
     "none", "reward", "loss", "parameters", "observation", "observation statistics", "policy"
 )  # fmt: skip
-# Metrics of an algorithm that are always measured, by the cause that one has which is not finite.
-WATCHED = {"loss": ("*_loss",), "policy": ("*_entropy", "termination", "information")}
 
+POOL_ACTIONS = 32  # in each environment, at least, between two drawings of fresh initial states
 
 Hyperparameters = dict[str, jax.Array]  # float hyperparameter -> its value
 
@@ -42,6 +41,7 @@ class TrainState(struct.PyTreeNode):
 
     hyperparameters: Hyperparameters  # of this training, in place of the agent's own
     learner: LearnerState
+    replay: Any  # what an off-policy agent remembers of rollouts; () of the others
     normalizer: RunningStatisticsState
     rollout: RolloutState
     episodes: EpisodeWindow
@@ -66,9 +66,17 @@ def num_iterations(
     return -(-num_steps // (num_envs * rollout_length * action_repeat))
 
 
+def pool_period(rollout_length: int) -> int:
+    """Return after how many iterations fresh initial states are drawn again.
+
+    An agent that updates at every step would spend its time on drawing them.
+    """
+    return -(-POOL_ACTIONS // rollout_length)
+
+
 def usual_pool_size(num_envs: int, rollout_length: int) -> int:
-    """Return how many fresh initial states are drawn an iteration: a quarter of its steps."""
-    return max(1, num_envs * rollout_length // 4)
+    """Return how many fresh initial states are drawn at once: a quarter of the steps until then."""
+    return max(1, num_envs * rollout_length * pool_period(rollout_length) // 4)
 
 
 def check_sizes(agent: Agent, num_steps: Any, num_envs: Any, rollout_length: Any) -> None:
@@ -106,7 +114,8 @@ def make_train(
       num_envs: B, environments stepped side by side.
       rollout_length: T, actions in each environment an iteration.
       episode_length: time limit in control steps; None takes the task's own.
-      reset_pool_size: fresh initial states drawn an iteration; None takes a quarter of its steps.
+      reset_pool_size: fresh initial states drawn at once (`pool_period`); None takes
+        `usual_pool_size`.
       stagger: start the first episodes at random points of the time limit.
 
     Returns:
@@ -154,6 +163,7 @@ class Program:
         state = TrainState(
             hyperparameters=hyperparameters,
             learner=in_32_bits(agent.init(key_agent, spec)),
+            replay=in_32_bits(agent.init_replay(spec)),
             normalizer=initial_statistics(spec.observation.size),
             rollout=RolloutState(self.env.reset(key_env), memory),
             episodes=EpisodeWindow.empty(),
@@ -166,31 +176,49 @@ class Program:
         # Each field has memory of its own, so that a step may be given all of it (donated).
         return jax.tree.map(jnp.copy, state)
 
+    def refilled(self, state: TrainState, key: jax.Array) -> RolloutState:
+        """Return where the last rollout stopped, with fresh initial states if new ones are due."""
+        rollout, period = state.rollout, pool_period(self.rollout_length)
+        if period == 1:
+            return rollout.replace(env=self.env.refill(rollout.env, key))
+        env = jax.lax.cond(
+            for_all(state.iteration % period == 0),
+            lambda env: self.env.refill(env, key),
+            lambda env: env,
+            rollout.env,
+        )
+        return rollout.replace(env=env)
+
     def step(self, state: TrainState) -> tuple[TrainState, Metrics]:
         """Collect a rollout with the agent as it is at this point of the run, and learn from it."""
         key, key_rollout, key_update = jax.random.split(state.key, 3)
         agent = self.agent.replace(**state.hyperparameters)
         agent = agent.scheduled(state.iteration / self.iterations)
-        rollout, batch, outcome, obs = collect(
+        key_pool, key_steps = jax.random.split(key_rollout)
+        rollout, batch, outcome = collect(
             agent,
             state.learner.params,
             state.normalizer,
             self.env,
-            state.rollout,
-            key_rollout,
+            self.refilled(state, key_pool),
+            key_steps,
             self.rollout_length,
         )
-        learner, learning = in_32_bits(agent.update(state.learner, batch, key_update))
+        replay = in_32_bits(agent.store(state.replay, batch))
+        learner, learning = in_32_bits(
+            agent.update(state.learner, batch.replace(replay=replay), key_update)
+        )
         new = state.replace(
             learner=learner,
-            normalizer=update_statistics(state.normalizer, obs),
+            replay=replay,
+            normalizer=update_statistics(state.normalizer, batch.obs),
             rollout=rollout,
             episodes=state.episodes.add(outcome),
             key=key,
             iteration=state.iteration + 1,
         )
         seen = {
-            "observation": (obs, outcome.next_obs),
+            "observation": (batch.obs, batch.next_obs),
             "reward": outcome.reward,
             "observation statistics": new.normalizer,
             "loss": watched(learning, "loss"),
@@ -201,10 +229,24 @@ class Program:
         return freeze_diverged(state, new, in_32_bits(metrics), seen)
 
 
+@custom_vmap
+def for_all(due: jax.Array) -> jax.Array:
+    """Return a bool that all trainings of a program share: a `cond` on it stays one under `vmap`.
+
+    The trainings of a program count their iterations alike, so what is due is due for all.
+    """
+    return due
+
+
+@for_all.def_vmap
+def _for_all_mapped(size: int, mapped: list[bool], due: jax.Array) -> tuple[jax.Array, bool]:
+    del size, mapped
+    return for_all(due.any()), False
+
+
 def watched(learning: Metrics, cause: str) -> list[jax.Array]:
     """Return those of an algorithm's metrics of which one that is not finite has that cause."""
-    names = {name for pattern in WATCHED[cause] for name in fnmatch.filter(learning, pattern)}
-    return [learning[name] for name in sorted(names)]
+    return [x for name, x in sorted(learning.items()) if describe(name).cause == cause]
 
 
 def freeze_diverged(
@@ -213,7 +255,8 @@ def freeze_diverged(
     """Keep what a run had learned when it is no longer finite; its metrics are NaN from then on.
 
     A NaN would stay in the parameters or the normaliser for ever, and take what was learned with
-    it. Nothing is shared between the runs of a sweep, so the others go on as they would alone.
+    it. The replay is large and is left alone: nothing is learned from it any more. Nothing is
+    shared between the runs of a sweep, so the others go on as they would alone.
 
     Args:
       old: the state before the iteration.
@@ -298,8 +341,9 @@ def repeat(step: Iterate, count: int) -> Iterate:
 def transfer(old: TrainState, new: TrainState) -> TrainState:
     """Carry what was learned over to another task's fresh state.
 
-    Networks, optimiser and observation normaliser go on; environments, memory and the episodes in
-    progress start anew (DAC, Zhang & Whiteson 2019, sec. 5.2, without its carried-over episodes).
+    Networks, optimiser and observation normaliser go on; environments, memory, the replay and the
+    episodes in progress start anew (DAC, Zhang & Whiteson 2019, sec. 5.2, without its carried-over
+    episodes).
     """
     return new.replace(
         hyperparameters=old.hyperparameters,

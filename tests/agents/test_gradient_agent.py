@@ -18,8 +18,7 @@ def one_step(agent, params, data):
     """One epoch of one minibatch, whose gradient is the mean of the data."""
 
     def loss(params, data):
-        loss = (params["w"] * data.mean(0)).sum()
-        return loss, {"loss": loss}
+        return (params["w"] * data.mean(0)).sum(), {}
 
     state = LearnerState(params, agent.optimizer().init(params))
     return agent.optimize(loss, state, data, jax.random.key(0))
@@ -56,12 +55,12 @@ def test_an_update_that_moves_a_policy_too_far_lowers_the_rate_of_the_next(name)
     first, metrics = agent.update(state, batch, key)
     kl = max(float(x) for metric, x in metrics.items() if metric.endswith("_kl"))
     assert kl > agent.target_kl
-    assert first.extra == pytest.approx(max((agent.target_kl / kl) ** 0.2, 0.5), rel=1e-4)
+    assert first.rate_share == pytest.approx(max((agent.target_kl / kl) ** 0.2, 0.5), rel=1e-4)
     assert metrics["learning_rate"] == pytest.approx(0.1)
     second, metrics = agent.update(first, batch, key)
-    assert metrics["learning_rate"] == pytest.approx(0.1 * first.extra)
-    lower = agent.replace(learning_rate=0.1 * first.extra)
-    expected, _ = lower.update(first.replace(extra=np.ones((), np.float32)), batch, key)
+    assert metrics["learning_rate"] == pytest.approx(0.1 * first.rate_share)
+    lower = agent.replace(learning_rate=0.1 * first.rate_share)
+    expected, _ = lower.update(first.replace(rate_share=np.ones((), np.float32)), batch, key)
     jax.tree.map(
         lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-4, atol=1e-5),
         second.params,
@@ -76,4 +75,4 @@ def test_a_kl_without_limit_leaves_the_rate_alone():
     state, _ = agent.update(
         agent.init(jax.random.key(0), agent.spec), random_batch(), jax.random.key(1)
     )
-    assert state.extra == 1.0
+    assert state.rate_share == 1.0

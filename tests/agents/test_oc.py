@@ -102,16 +102,16 @@ def test_the_target_network_is_copied_when_due(key):
     first = state.params
     for expected_age in (T, 2 * T, 0):
         state, _ = agent.update(state, batch, key)
-        assert state.extra.age == expected_age
+        assert state.target.age == expected_age
         copied = state.params if expected_age == 0 else first
-        jax.tree.map(np.testing.assert_array_equal, state.extra.params, copied)
+        jax.tree.map(np.testing.assert_array_equal, state.target.params, copied)
 
 
 def test_returns_bootstrap_from_the_target_network(agent, params, key):
     """With gamma 0 the target network cannot matter, else it does."""
     batch = random_batch()
     state = agent.init(key, agent.spec)
-    other = state.replace(extra=state.extra.replace(params=params))
+    other = state.replace(target=state.target.replace(params=params))
     for gamma, same in ((0.0, True), (0.99, False)):
         update = agent.replace(gamma=gamma).update
         losses = [update(s, batch, key)[1]["value_loss"] for s in (state, other)]

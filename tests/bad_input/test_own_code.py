@@ -11,7 +11,7 @@ from brax.envs.base import Env, State
 from flax import struct
 
 import hitmdp_jax
-from hitmdp_jax.agents import PPO, LearnerState
+from hitmdp_jax.agents import PPO
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.errors import UsageError
 from tests.probes import PlaygroundTarget, Target, spec_of_sizes
@@ -232,12 +232,12 @@ ALGORITHMS = {
         "which its update does not",
     ),
     "other parameters": (
-        algorithm(update=updates(lambda s, m: (LearnerState({}, s.opt_state, s.extra), m))),
+        algorithm(update=updates(lambda s, m: (s.replace(params={}), m))),
         "its init makes params",
     ),
     "share of another type": (
-        algorithm(update=updates(lambda s, m: (s.replace(extra=jnp.zeros(2)), m))),
-        "extra is float32[] of its init and float32[2] of its update",
+        algorithm(update=updates(lambda s, m: (s.replace(rate_share=jnp.zeros(2)), m))),
+        "rate_share is float32[] of its init and float32[2] of its update",
     ),
     "wide metric": (
         algorithm(update=updates(lambda s, m: (s, m | {"map": zeros(2, 2)}))),

@@ -44,29 +44,33 @@ def rollout(statistics):
 
 
 def test_the_memory_starts_anew_with_each_episode(rollout):
-    _, batch, _, obs = rollout
+    _, batch, _ = rollout
     clock = np.arange(T) % 5
     np.testing.assert_array_equal(batch.memory, np.repeat(clock[:, None], B, axis=1))
     np.testing.assert_array_equal(batch.record["acted"], batch.memory)
-    np.testing.assert_array_equal(obs[..., 0], batch.memory)
+    np.testing.assert_array_equal(batch.obs[..., 0], batch.memory)
     np.testing.assert_array_equal(batch.started, batch.memory == 0)
     np.testing.assert_array_equal(batch.truncated, batch.memory == 4)
 
 
 def test_the_next_observation_is_the_one_reached_before_the_reset(rollout, statistics):
-    _, batch, _, obs = rollout
-    reached = obs + np.array([1.0, 0.0])  # also where the time limit ended the episode
-    np.testing.assert_allclose(batch.next_obs, normal(reached, statistics), rtol=1e-5, atol=1e-6)
+    _, batch, _ = rollout
+    reached = batch.obs + np.array([1.0, 0.0])  # also where the time limit ended the episode
+    np.testing.assert_array_equal(batch.next_obs, reached)
+    seen = batch.normalized().next_obs
+    np.testing.assert_allclose(seen, normal(reached, statistics), rtol=1e-5, atol=1e-6)
 
 
 def test_agents_see_normalised_observations_and_statistics_wait(rollout, statistics):
-    _, batch, _, obs = rollout
-    np.testing.assert_allclose(batch.obs, normal(obs, statistics), rtol=1e-5)
-    np.testing.assert_allclose(batch.action, batch.obs[..., :1], rtol=1e-5)
+    _, batch, _ = rollout
+    seen = batch.normalized()
+    np.testing.assert_allclose(seen.obs, normal(batch.obs, statistics), rtol=1e-5)
+    np.testing.assert_allclose(batch.action, seen.obs[..., :1], rtol=1e-5)
+    np.testing.assert_array_equal(seen.normalized().obs, seen.obs)
 
 
 def test_the_next_rollout_goes_on_where_this_one_stopped(rollout):
-    state, batch, _, _ = rollout
+    state, batch, _ = rollout
     np.testing.assert_array_equal(state.memory, batch.memory[-1] + 1)
     np.testing.assert_array_equal(state.env.env.obs[:, 0], state.memory)
 

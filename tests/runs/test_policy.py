@@ -96,9 +96,9 @@ def test_what_a_policy_learned_from_is_what_it_acts_on(states):
         start = RolloutState(env.reset(key), memory)
         agent = AGENT.bind(one.spec)
         args = agent, one.learner.params, one.normalizer, env, start, key, 2
-        _, batch, _, obs = collect(*args)
+        _, batch, _ = collect(*args)
         policy = Policy(agent, one.learner.params, one.normalizer)
-        return batch.obs, policy.normalized(obs), obs
+        return batch.normalized().obs, policy.normalized(batch.obs), batch.obs
 
     learned_from, acted_on, obs = jax.jit(run)(jax.random.key(3))
     assert obs.dtype == jnp.int8

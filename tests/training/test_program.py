@@ -8,16 +8,16 @@ import pytest
 import hitmdp_jax
 from hitmdp_jax.agents import MOPG, PPO
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.metrics import describe
 from hitmdp_jax.training.program import (
     CAUSES,
-    WATCHED,
     freeze_diverged,
     num_iterations,
     repeat,
     transfer,
     watched,
 )
-from tests.probes import Counter, PlaygroundTarget, Target
+from tests.probes import Counter, PlaygroundTarget, Remembering, Target
 
 # The algorithm and the size that compile quickest.
 AGENT = PPO(num_epochs=2, hidden_sizes=(8,), learning_rate=1e-3)
@@ -246,20 +246,55 @@ def test_a_run_that_is_not_finite_keeps_its_last_finite_state_and_harms_no_other
         np.testing.assert_array_equal(where_nobody[~lost], three[~lost])
 
 
-@pytest.mark.parametrize("name", ["value_loss", "termination_loss", "own_loss", "termination"])
+@pytest.mark.parametrize("name", ["loss", "action_entropy", "termination"])
 def test_an_algorithms_metric_that_is_not_finite_is_divergence(history, name):
-    """Whatever else is finite; a task's own metrics may be anything."""
+    """Those that are always measured; a loss is that of the gradients, whatever its parts."""
     states, metrics = history
     one = jax.tree.map(lambda x: x[0], metrics)
-    for learning, cause in ({name: 1.0}, "none"), ({name: np.nan}, CAUSE_OF.get(name, "loss")):
-        seen = {c: watched(jax.tree.map(jnp.asarray, learning), c) for c in WATCHED}
+    for learning, cause in ({name: 1.0}, "none"), ({name: np.nan}, describe(name).cause):
+        seen = {c: watched(jax.tree.map(jnp.asarray, learning), c) for c in ("loss", "policy")}
         state, told = freeze_diverged(states[0], states[1], one, seen)
         assert CAUSES[int(state.cause)] == cause
         assert int(state.diverged) == (0 if cause == "none" else 1)
         assert bool(told["diverged"]) == (cause != "none")
 
 
-CAUSE_OF = {"termination": "policy"}
+def test_a_replay_is_beside_the_learner_and_holds_what_the_environments_showed():
+    """The last 64 observations, raw; and a seed that diverges leaves it alone."""
+    agent = Remembering(num_epochs=1, hidden_sizes=(8,))
+    init, step = compiled(*hitmdp_jax.make_train(agent, Target(), **SIZES))
+    state = init(jax.random.key(0))
+    for _ in range(2):
+        state, metrics = step(state)
+    obs, reward = state.replay.data
+    assert obs.shape == (64, 1)
+    assert int(state.replay.size) == 64
+    assert (np.abs(obs) <= 1).all()
+    assert obs.std() == pytest.approx(np.sqrt(1 / 3), abs=0.1)  # normalised it would be 1
+    assert float(metrics["remembered"]) == pytest.approx(float(reward.mean()), abs=0.5)
+    lost, _ = freeze_diverged(state, state, metrics, {"reward": jnp.array(np.nan)})
+    assert lost.replay is state.replay
+
+
+def test_fresh_states_are_drawn_for_all_trainings_when_they_are_due(key):
+    """Every other iteration of 16 actions; under `vmap`, too, a condition and no choice."""
+    init, step = hitmdp_jax.make_train(AGENT, Target(), **SIZES)
+
+    @jax.jit
+    def pools(keys):
+        states = jax.vmap(init)(keys)
+
+        def once(states, _):
+            states, _ = jax.vmap(step)(states)
+            return states, states.rollout.env.pool.obs
+
+        return jax.lax.scan(once, states, length=3)[1]
+
+    first, second, third = pools(jax.random.split(key))
+    np.testing.assert_array_equal(first, second)
+    assert not np.isclose(second, third).any(axis=1).all()
+    states = jax.eval_shape(jax.vmap(init), jax.random.split(key))
+    assert " cond[" in str(jax.make_jaxpr(jax.vmap(step))(states))
 
 
 @pytest.mark.parametrize("compile_init", [False, True])
