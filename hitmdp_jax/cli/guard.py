@@ -33,7 +33,7 @@ def guarded(command: Callable[[], int | None], shows: bool = True) -> None:
     logging.getLogger("absl").setLevel(logging.CRITICAL)  # what Orbax logs, `Checkpoints` says
     output = sys.stdout = Output(_opened(sys.stdout))
     try:
-        _check_process()
+        check_process()
         code = command()
     except UsageError as error:
         exit_with(error)
@@ -120,7 +120,7 @@ def _opened(stream: TextIO | None) -> TextIO:
     return stream or open(os.devnull, "w")
 
 
-def _check_process() -> None:
+def check_process() -> None:
     """Raise UsageError where the process has no folder to work in, or may open too few files."""
     try:
         os.getcwd()

@@ -14,7 +14,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from hitmdp_jax import plugins
-from hitmdp_jax.cli.guard import guarded
+from hitmdp_jax.cli.guard import check_process, guarded
 from hitmdp_jax.cli.settings import (
     Settings,
     configs,
@@ -49,6 +49,7 @@ def main() -> None:
     flags = [a for a in arguments if a.startswith("-")]
     multirun = bool(set(MULTIRUN) & set(flags))
     try:
+        check_process()
         for flag in flags:
             if flag not in FLAGS:
                 raise _unknown_flag(flag)
