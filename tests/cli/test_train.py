@@ -161,9 +161,7 @@ def test_a_transfer_switches_tasks_and_resumes_on_either_side(command, tmp_path)
 def test_a_task_without_its_extra_makes_no_folder(monkeypatch, tmp_path):
     folder = tmp_path / "run"
     values = Settings(["experiment=transfer", "pair=cheetah", f"run_dir={folder}"]).values()
-    monkeypatch.setattr(
-        "hitmdp_jax.envs.suites.dmc.suite.importlib.util.find_spec", lambda name: None
-    )
+    monkeypatch.setattr("hitmdp_jax.envs.suites.base.importlib.util.find_spec", lambda name: None)
     with pytest.raises(UsageError, match="needs the extra 'dmc'"):
         train(values, [])
     assert not folder.exists()

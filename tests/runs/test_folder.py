@@ -218,6 +218,7 @@ def test_the_names_of_a_runs_files_are_spelled_in_one_place():
 # What is no file of a run, a page, a video, an export or a result, or is not written by path.
 OTHERS = {
     "figures/curves.py": "savefig",  # into the file that `replaced` gives
+    "report/page.py": "savefig",  # into memory
     "cli/guard.py": "open",  # nothing
     "plugins.py": "open",  # notes whom this user trusts, in a file of this user's
     "cli/video.py": "open",  # what a process says, in a temporary folder
