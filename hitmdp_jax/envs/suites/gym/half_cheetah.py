@@ -3,16 +3,13 @@
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 
-from hitmdp_jax.envs.assets import load_gymnasium_model
-from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.base import SolverBudget
+from hitmdp_jax.envs.suites.base import VERSIONS
 from hitmdp_jax.envs.suites.gym.initial import normal_velocity_around_rest
-from hitmdp_jax.envs.suites.gym.task import GymTask
-from hitmdp_jax.physics import PhysicsChoice, PhysicsState
+from hitmdp_jax.envs.suites.gym.runner import Runner
 
 FRAME_SKIP = 5  # substeps of 0.01 s
-ROOT_X = 0  # qpos: horizontal position of the torso, m
 
 # One control step errs by 4.7e-6 in qpos with 3 and 2 iterations as with 100 and 50, by 0.3 with 2
 # and 2. One iteration is to spare: from a poor warm start 3 err by 3e-3.
@@ -20,7 +17,7 @@ MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2, contacts=8)
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
-class HalfCheetah(GymTask):
+class HalfCheetah(Runner):
     """Run forward fast: reward is forward velocity (m/s) less a control cost.
 
     Observation [17]: torso height (m) and pitch (rad), six joint angles (rad), then the nine
@@ -37,33 +34,10 @@ class HalfCheetah(GymTask):
       hide_velocities: leave the velocities out of the observation [8].
     """
 
-    reward_terms = ("reward_forward", "reward_ctrl")
-
-    forward_reward_weight: float = 1.0
-    ctrl_cost_weight: float = 0.1
-    reset_noise_scale: float = 0.1
-    exclude_current_positions_from_observation: bool = True
-    hide_velocities: bool = False
-
-    def __post_init__(self, physics: PhysicsChoice):
-        model = load_gymnasium_model("half_cheetah.xml")
-        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
-        self._first_position = 1 if self.exclude_current_positions_from_observation else 0
-        self._observed_velocities = 0 if self.hide_velocities else model.nv
+    model_files = dict.fromkeys(VERSIONS, "half_cheetah.xml")
+    frame_skip = FRAME_SKIP
+    mjx_budget = MJX_BUDGET
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos uniformly and qvel normally around the standing pose."""
         return normal_velocity_around_rest(self.model, key, self.reset_noise_scale)
-
-    def observation(self, data: PhysicsState) -> jax.Array:
-        """Return positions and velocities."""
-        velocity = data.qvel[: self._observed_velocities]
-        return jnp.concatenate([data.qpos[self._first_position :], velocity])
-
-    def reward(
-        self, before: PhysicsState, after: PhysicsState, action: jax.Array
-    ) -> tuple[jax.Array, dict[str, jax.Array]]:
-        """Return forward velocity less control cost, both weighted."""
-        forward = self.forward_reward_weight * after.displacement[ROOT_X] / self.dt
-        ctrl = -self.ctrl_cost_weight * jnp.sum(action**2)
-        return forward + ctrl, {"reward_forward": forward, "reward_ctrl": ctrl}

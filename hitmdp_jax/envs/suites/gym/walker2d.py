@@ -3,18 +3,14 @@
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 
-from hitmdp_jax.envs.assets import load_gymnasium_model
-from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
-from hitmdp_jax.envs.suites.gym.health import Health, within
-from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
-from hitmdp_jax.envs.suites.gym.task import GymTask
-from hitmdp_jax.physics import PhysicsChoice, PhysicsState
+from hitmdp_jax.envs.base import SolverBudget
+from hitmdp_jax.envs.suites.gym.health import within
+from hitmdp_jax.envs.suites.gym.runner import HealthyRunner
+from hitmdp_jax.physics import PhysicsState
 
 FRAME_SKIP = 4  # substeps of 0.002 s, RK4
-ROOT_X, ROOT_Z, ROOT_PITCH = 0, 1, 2  # qpos: horizontal position (m), height (m), angle (rad)
-MAX_OBSERVED_VELOCITY = 10.0  # m/s or rad/s
+ROOT_Z, ROOT_PITCH = 1, 2  # qpos: height (m), angle (rad)
 
 # One control step errs by 6e-7 in qpos with 5 and 2 iterations as with 100 and 50, by 3e-5 with 4
 # and 2. One iteration is to spare.
@@ -22,7 +18,7 @@ MJX_BUDGET = SolverBudget(iterations=6, ls_iterations=2)
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
-class Walker2d(GymTask):
+class Walker2d(HealthyRunner):
     """Walk forward: reward is forward velocity (m/s) plus 1 for being healthy less a control cost.
 
     Observation [17]: torso height (m) and pitch (rad), six joint angles (rad), then the nine
@@ -45,53 +41,14 @@ class Walker2d(GymTask):
       hide_velocities: leave the velocities out of the observation [8].
     """
 
-    reward_terms = ("reward_forward", "reward_ctrl", "reward_survive")
+    model_files = {"v4": "walker2d.xml", "v5": "walker2d_v5.xml"}  # noqa: RUF012
+    frame_skip = FRAME_SKIP
+    mjx_budget = MJX_BUDGET
 
-    forward_reward_weight: float = 1.0
-    ctrl_cost_weight: float = 1e-3
-    healthy_reward: float = 1.0
-    terminate_when_unhealthy: bool = True
     healthy_z_range: tuple[float, float] = (0.8, 2.0)
     healthy_angle_range: tuple[float, float] = (-1.0, 1.0)
-    reset_noise_scale: float = 5e-3
-    exclude_current_positions_from_observation: bool = True
-    hide_velocities: bool = False
-
-    def __post_init__(self, physics: PhysicsChoice):
-        model = load_gymnasium_model("walker2d.xml" if self.version == "v4" else "walker2d_v5.xml")
-        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
-        self._health = Health(self.healthy_reward, self.terminate_when_unhealthy, self.version)
-        self._first_position = 1 if self.exclude_current_positions_from_observation else 0
-        self._observed_velocities = 0 if self.hide_velocities else model.nv
-
-    def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Draw qpos and qvel uniformly around the standing pose."""
-        return uniform_around_rest(self.model, key, self.reset_noise_scale)
-
-    def observation(self, data: PhysicsState) -> jax.Array:
-        """Return positions and clipped velocities."""
-        velocity = data.qvel[: self._observed_velocities]
-        velocity = jnp.clip(velocity, -MAX_OBSERVED_VELOCITY, MAX_OBSERVED_VELOCITY)
-        return jnp.concatenate([data.qpos[self._first_position :], velocity])
-
-    def reward(
-        self, before: PhysicsState, after: PhysicsState, action: jax.Array
-    ) -> tuple[jax.Array, dict[str, jax.Array]]:
-        """Return forward velocity plus the healthy reward less control cost."""
-        forward = self.forward_reward_weight * after.displacement[ROOT_X] / self.dt
-        ctrl = -self.ctrl_cost_weight * jnp.sum(action**2)
-        survive = self._health.survive_reward(self.healthy(after))
-        return forward + ctrl + survive, {
-            "reward_forward": forward,
-            "reward_ctrl": ctrl,
-            "reward_survive": survive,
-        }
 
     def healthy(self, data: PhysicsState) -> jax.Array:
         """Return whether height and pitch lie inside their ranges."""
         in_z = within(data.qpos[ROOT_Z], self.healthy_z_range)
         return in_z & within(data.qpos[ROOT_PITCH], self.healthy_angle_range)
-
-    def terminated(self, data: PhysicsState) -> jax.Array:
-        """Return whether the walker became unhealthy."""
-        return self._health.ends(self.healthy(data))
