@@ -46,6 +46,17 @@ def whole_number(name: str, value: Any, at_least: int) -> int:
     return int(value)
 
 
+def true_or_false(name: str, value: Any) -> bool:
+    """Return a setting that is either.
+
+    Raises:
+      UsageError: it is neither.
+    """
+    if not isinstance(value, bool):
+        raise out_of_domain(name, value, "true or false")
+    return value
+
+
 def divisor_below(number: int, most: int) -> int:
     """Return the largest divisor of a number that is not above `most`."""
     small = (d for d in range(1, min(most, math.isqrt(number)) + 1) if number % d == 0)

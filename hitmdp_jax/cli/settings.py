@@ -20,8 +20,9 @@ from omegaconf.errors import OmegaConfBaseException
 
 import hitmdp_jax
 from hitmdp_jax import plugins
+from hitmdp_jax.checks import true_or_false
 from hitmdp_jax.cli.tasks import store_tasks
-from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
+from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.runs.config import RunConfig, trust_named
 from hitmdp_jax.runs.folder import check_replaceable
 
@@ -250,10 +251,7 @@ def flag_setting(values: dict[str, Any], name: str) -> bool:
     Raises:
       UsageError: it is neither.
     """
-    value = values.get(name, False)
-    if not isinstance(value, bool):
-        raise out_of_domain(name, value, "true or false")
-    return value
+    return true_or_false(name, values.get(name, False))
 
 
 def quoted(value: str) -> str:

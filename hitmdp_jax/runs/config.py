@@ -15,7 +15,7 @@ from brax.envs.base import Env
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import Agent, find_agent
 from hitmdp_jax.agents.base import hyperparameters_of
-from hitmdp_jax.checks import check_memory, divisor_below, whole_number
+from hitmdp_jax.checks import check_memory, divisor_below, true_or_false, whole_number
 from hitmdp_jax.envs import check_engine, check_env, check_installed
 from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.envs.spec import Box, Observation, Spec, spec_of
@@ -109,8 +109,7 @@ class RunConfig:
         values["wandb"] = "off" if wandb is False else wandb
         if values["wandb"] not in WANDB:
             raise unknown_name("wandb", str(values["wandb"]), WANDB)
-        if not isinstance(values.get("save_replay", False), bool):
-            raise out_of_domain("save_replay", values["save_replay"], "true or false")
+        true_or_false("save_replay", values.get("save_replay", False))
         for name in GROUPS:
             given = values.get(name)
             named = isinstance(given, Mapping) and "name" in given
@@ -394,15 +393,14 @@ def _check_division(num_envs: int, data_devices: int) -> None:
 def _like(name: str, value: Any, default: Any) -> Any:
     """Return a value in the type of the field's default."""
     if isinstance(default, bool):
-        if not isinstance(value, bool):
-            raise out_of_domain(name, value, "true or false")
-    elif isinstance(default, int):
+        return true_or_false(name, value)
+    if isinstance(default, int):
         return whole_number(name, value, at_least=1)
-    elif isinstance(default, float):
+    if isinstance(default, float):
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise out_of_domain(name, value, "a number")
         return float(value)
-    elif isinstance(default, tuple):
+    if isinstance(default, tuple):
         if not isinstance(value, list | tuple):
             raise out_of_domain(name, value, "a list of positive whole numbers")
         return tuple(value)
