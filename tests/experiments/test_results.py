@@ -80,11 +80,11 @@ def test_a_transfer_tells_its_tasks_apart():
 
 
 def test_no_point_of_a_curve_holds_episodes_of_both_tasks():
-    metrics = made_up(np.random.default_rng(1), reports=246)  # 123 on each: no whole points
-    first = np.arange(246) < 123
+    metrics = made_up(np.random.default_rng(1), reports=250)  # 125 on each: no whole points
+    first = np.arange(250) < 125
     metrics["episode_return"][:] = np.where(first, 279.0, 2.2)
     config = RunConfig(
-        algo={"name": "mopg"}, env=TASK, second_env=TASK, seeds=3, total_steps=123 * 2048
+        algo={"name": "mopg"}, env=TASK, second_env=TASK, seeds=3, total_steps=125 * 2048
     )
     curve = results.curve(config, metrics)
     after = curve["env_steps"] > config.switch_at
