@@ -159,19 +159,18 @@ class RunConfig:
         trainings, agent = self.seeds * settings, self.make_agent()
         steps = self.num_envs * self.rollout_length
         states = self.num_envs + usual_pool_size(self.num_envs, self.rollout_length)
-        learner, state, spec = 0, REWARD, SMALLEST
+        learner, replay, state, spec = 0, 0, REWARD, SMALLEST
         if env is not None:
             spec = spec_of(env)
             state = _bytes_of(jax.eval_shape(env.reset, jax.random.key(0)))
         # An algorithm of one's own may not learn of any sizes.
         if env is not None or not plugins.is_own(self.algo["name"]):
-            arrays = jax.eval_shape(
-                lambda: (agent.init(jax.random.key(0), spec), agent.init_replay(spec))
-            )
-            learner = _bytes_of(arrays)
+            learner = _bytes_of(jax.eval_shape(lambda: agent.init(jax.random.key(0), spec)))
+            replay = _bytes_of(jax.eval_shape(lambda: agent.init_replay(spec)))
         check_memory(
             {
-                "seeds and the sizes of algo's networks and replay": trainings * learner,
+                "seeds and the sizes of algo's networks": trainings * learner,
+                "seeds and algo's replay": trainings * replay,
                 "seeds, num_envs and rollout_length": trainings * states * state
                 + at_once * steps * REWARD * (spec.observation.size + math.prod(spec.action.shape) + 1),
                 "eval_episodes": 24 * self.eval_episodes if self.eval_every else 0,

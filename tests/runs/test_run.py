@@ -1,16 +1,21 @@
 """What a run's settings stand for: its seeds' keys, and the state in which it goes on."""
 
+from pathlib import Path
+
 import jax
 import numpy as np
 import pytest
 
 import hitmdp_jax
+from hitmdp_jax import plugins
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.runs.checkpoint import Progress
+from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
 from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.loop import prepare
 from hitmdp_jax.runs.run import Run
 from tests.probes import Target
 
+REMEMBERING = str(Path(__file__).parents[1] / "probes.py") + ":Remembering"
 PPO = {"name": "ppo", "num_epochs": 1, "minibatch_size": 8, "hidden_sizes": (8,)}
 SIZES = {"num_envs": 4, "rollout_length": 2, "total_steps": 8}
 
@@ -44,7 +49,7 @@ def tasks():
 
 def create(**settings):
     tasks = {"env": {"name": "target"}, "second_env": {"name": "clocked"}}
-    return Run.create(RunConfig(algo=PPO, **(tasks | SIZES | settings)))
+    return Run.create(RunConfig(**({"algo": PPO} | tasks | SIZES | settings)))
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +90,40 @@ def test_a_run_is_refused_where_what_it_surely_needs_does_not_fit(
     has(needed // 10)
     with pytest.raises(UsageError, match="most of it for seeds, num_envs and rollout_length"):
         create(**settings)
+
+
+def test_a_replay_that_does_not_fit_is_refused():
+    plugins.trust(REMEMBERING)
+    small = PPO | {"name": REMEMBERING}
+    assert create(algo=small | {"capacity": 64}).agent.capacity == 64
+    with pytest.raises(UsageError, match="most of it for seeds and algo's replay"):
+        create(algo=small | {"capacity": 2_000_000_000}, seeds=1000)
+
+
+def test_a_replay_is_written_in_place_and_kept_on_request(tmp_path):
+    """Of a checkpoint without it a run goes on with an empty one."""
+    plugins.trust(REMEMBERING)
+    algo = PPO | {"name": REMEMBERING, "capacity": 4096}
+    for kept in (False, True):
+        run = create(algo=algo, second_env=None, save_replay=kept)
+        progress = Progress(0, 0, None)
+        step = prepare(run, 0, progress)
+        given = progress.state.replay.data[1]
+        before = given.unsafe_buffer_pointer()
+        state, _ = step(progress.state)
+        assert given.is_deleted()
+        assert state.replay.data[1].unsafe_buffer_pointer() == before
+        (tmp_path / str(kept)).mkdir()
+        saved = run.saved(Progress(1, 0, state))
+        checkpoints = Checkpoints(tmp_path / str(kept))
+        checkpoints.save(saved)
+        checkpoints.close()
+        assert checkpoints.failure is None
+        restored = run.restore(Checkpoints(tmp_path / str(kept), read_only=True))
+        prepare(run, 0, restored)
+        sizes = [int(x) for x in restored.state.replay.size]
+        steps = run.config.steps_per_iteration * run.config.iterations_per_report
+        assert sizes == [steps if kept else 0]
 
 
 def test_a_task_of_ones_own_is_traced_by_its_check_once():
