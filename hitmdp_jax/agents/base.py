@@ -149,8 +149,8 @@ class Agent(abc.ABC):
         return self.replace(spec=spec)
 
     @property
-    def actions(self) -> Action:
-        """The actions of the agent's task.
+    def task(self) -> Spec:
+        """What the agent's task lets it observe and do.
 
         Raises:
           UsageError: the agent is bound to no task.
@@ -158,7 +158,12 @@ class Agent(abc.ABC):
         if self.spec is None:
             name = type(self).__name__
             raise UsageError(f"This {name} knows no task: bind it, {name}().bind(spec_of(env)).")
-        return self.spec.action
+        return self.spec
+
+    @property
+    def actions(self) -> Action:
+        """The actions of the agent's task; Raises as `task`."""
+        return self.task.action
 
     def traced_values(self) -> dict[str, Any]:
         """Return the hyperparameters that are pytree leaves, by name: what may be swept."""

@@ -37,8 +37,7 @@ def check_algorithm(agent: Agent, num_envs: int, rollout_length: int) -> None:
 
 
 def _fault(agent: Agent, num_envs: int, length: int) -> str | None:
-    key, spec = jax.random.key(0), agent.spec
-    assert spec is not None
+    key, spec = jax.random.key(0), agent.task
     state = traced(lambda key: agent.init(key, spec), key)
     if not isinstance(state, LearnerState):
         return f"its init returns a {type(state).__name__} and must return a LearnerState"

@@ -43,8 +43,7 @@ class Policy(struct.PyTreeNode):
     @property
     def spec(self) -> Spec:
         """What the policy observes and how it acts."""
-        self.agent.actions  # noqa: B018, which says what to do where the agent knows no task
-        return self.agent.spec  # pyright: ignore[reportReturnType]
+        return self.agent.task
 
     def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> Any:
         """Return the memory of an episode's start."""
