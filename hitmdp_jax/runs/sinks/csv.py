@@ -10,12 +10,18 @@ import numpy as np
 
 from hitmdp_jax.errors import warn
 from hitmdp_jax.reading import read_bytes
+from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import METRICS, appending, write
 from hitmdp_jax.runs.sinks.base import Values, columns
 from hitmdp_jax.training.sweep import Training
 
 INDEX = ("iteration", "env_steps")  # and what tells a training apart
 LEADING = ("episode_return", "episode_length", "steps_per_second")
+
+
+def open_sink(config: RunConfig, run_dir: Path, resume_after: int) -> "CsvSink":
+    """Return the sink of a run, which goes on after an iteration."""
+    return CsvSink(run_dir, config.trainings, resume_after)
 
 
 class CsvSink:

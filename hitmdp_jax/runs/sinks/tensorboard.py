@@ -12,11 +12,17 @@ from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore
 from tensorboardX.proto.summary_pb2 import Summary  # pyright: ignore
 from tensorboardX.summary import image, scalar
 
+from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import EVENTS, SETTINGS, subfolder
 from hitmdp_jax.runs.sinks.base import Values, columns
 from hitmdp_jax.training.sweep import Training, label
 
 FLUSH_INTERVAL = 5.0  # seconds; every flush waits for the disk
+
+
+def open_sink(config: RunConfig, run_dir: Path, resume_after: int) -> "TensorboardSink":
+    """Return the sink of a run, which goes on after an iteration."""
+    return TensorboardSink(run_dir, config.trainings, config.steps_after(resume_after))
 
 
 class TensorboardSink:

@@ -13,14 +13,17 @@ from hitmdp_jax.runs.sinks.base import Values, columns
 from hitmdp_jax.training.sweep import Training
 
 
-def require_wandb() -> None:
-    """Check that the client is installed.
+def open_sink(config: RunConfig, run_dir: Path, resume_after: int) -> "WandbSink | None":
+    """Return the sink of a run, if it asks for one; it continues their run by itself.
 
     Raises:
-      UsageError: it is not.
+      UsageError: the client is not installed.
     """
+    if config.wandb == "off":
+        return None
     if importlib.util.find_spec("wandb") is None:
         raise missing_extra("wandb", "wandb=program or wandb=seed")
+    return WandbSink(run_dir, config)
 
 
 class WandbSink:
