@@ -19,8 +19,8 @@ from hitmdp_jax.checks import check_memory, divisor_below, true_or_false, whole_
 from hitmdp_jax.envs import check_engine, check_env, check_installed
 from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.envs.spec import Box, Observation, Spec, spec_of
-from hitmdp_jax.physics import find_engine
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
+from hitmdp_jax.physics import find_engine
 from hitmdp_jax.reading import read_yaml
 from hitmdp_jax.runs.folder import CONFIG
 from hitmdp_jax.training.program import check_sizes, num_iterations, usual_pool_size
@@ -137,9 +137,9 @@ class RunConfig:
     ) -> None:
         """Check that what a run must hold at once can fit into memory, before any of it is made.
 
-        The estimate is a lower bound. It counts the parameters, the optimiser, the replay and the states of
-        the environments and of the pool of each training, and the observations, actions and rewards
-        of the rollouts.
+        The estimate is a lower bound. It counts the parameters, the optimiser, the replay and the
+        states of the environments and of the pool of each training, and the observations, actions
+        and rewards of the rollouts.
 
         `Run.create` checks once it knows the tasks and the devices. A run of 1e9 trainings never
         gets so far, and no job of a sweep may wait for it: they are checked before, with a task as
@@ -172,7 +172,10 @@ class RunConfig:
                 "seeds and the sizes of algo's networks": trainings * learner,
                 "seeds and algo's replay": trainings * replay,
                 "seeds, num_envs and rollout_length": trainings * states * state
-                + at_once * steps * REWARD * (spec.observation.size + math.prod(spec.action.shape) + 1),
+                + at_once
+                * steps
+                * REWARD
+                * (spec.observation.size + math.prod(spec.action.shape) + 1),
                 "eval_episodes": 24 * self.eval_episodes if self.eval_every else 0,
             },
             available,

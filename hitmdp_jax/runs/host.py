@@ -6,10 +6,10 @@ from pathlib import Path
 
 import jax
 
-from hitmdp_jax.physics import find_engine
 from hitmdp_jax.envs.vector import RESET_CHUNK
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.machine import available_cores
+from hitmdp_jax.physics import find_engine
 from hitmdp_jax.runs.devices import num_shards
 
 THREADS_PER_CORE = 4

@@ -12,19 +12,19 @@ import jax
 import numpy as np
 
 from hitmdp_jax.envs.base import has_model
+from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.physics import NativeEngine
 from hitmdp_jax.physics.speed import native_speed
-from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.runs import processes
 from hitmdp_jax.runs.checkpoint import Checkpoints, CheckpointsElsewhere, Progress
 from hitmdp_jax.runs.claim import locked
 from hitmdp_jax.runs.folder import CONFIG, write
 from hitmdp_jax.runs.interrupt import StopRequest
-from hitmdp_jax.training.program import CAUSES, Iterate, TrainState
 from hitmdp_jax.runs.provenance import note_versions
 from hitmdp_jax.runs.run import Run
 from hitmdp_jax.runs.sinks import Sinks, Values, open_sinks
 from hitmdp_jax.runs.sinks.terminal import TerminalSink
+from hitmdp_jax.training.program import CAUSES, Iterate, TrainState
 from hitmdp_jax.training.sweep import Training
 
 SPEED_WINDOW = 11  # reports whose times make up the speed shown

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from flax import struct
 
-from hitmdp_jax.physics import native
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.mesh import DATA, TRIAL
+from hitmdp_jax.physics import native
 from hitmdp_jax.runs import devices
 from hitmdp_jax.runs.checkpoint import Progress
 from hitmdp_jax.runs.config import RunConfig

@@ -41,7 +41,14 @@ def start_two(variables, tmp_path):
             with signals_heard():
                 pair.append(
                     subprocess.Popen(
-                        [sys.executable, "-m", "hitmdp_jax", "train", "distributed=true", *arguments],
+                        [
+                            sys.executable,
+                            "-m",
+                            "hitmdp_jax",
+                            "train",
+                            "distributed=true",
+                            *arguments,
+                        ],
                         cwd=here,
                         env=os.environ | variables | common | {"JAX_PROCESS_ID": str(number)},
                         stdout=subprocess.PIPE,

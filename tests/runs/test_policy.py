@@ -1,7 +1,6 @@
 import json
 from pathlib import Path
 
-import yaml
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,8 +9,8 @@ import yaml
 
 import hitmdp_jax
 from hitmdp_jax.agents import MOPG, PPO
-from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.envs.spec import Spec
+from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.rollout import RolloutState, collect
 from hitmdp_jax.runs.checkpoint import BEFORE_DIGESTS, Checkpoints, Progress
