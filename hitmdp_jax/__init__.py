@@ -1,24 +1,24 @@
 """Options as embedding vectors on Hidden Temporal MDPs, trained end to end in JAX."""
 
-import contextlib
-import io
+from typing import TYPE_CHECKING
 
-with contextlib.redirect_stdout(io.StringIO()):
-    # MJX, which Brax imports, prints two lines where the optional Warp back end is missing.
-    import mujoco.mjx  # noqa: F401
+from hitmdp_jax import lazy
 
-from hitmdp_jax import agents
-from hitmdp_jax.envs import list_envs, make_env, register_env
-from hitmdp_jax.envs.spec import Spec, spec_of
-from hitmdp_jax.errors import UsageError
-from hitmdp_jax.runs.policy import Policy, load, save
-from hitmdp_jax.training.program import TrainState, make_train, train
+if TYPE_CHECKING:
+    from hitmdp_jax import agents
+    from hitmdp_jax.envs import list_envs, make_env, register_env
+    from hitmdp_jax.envs.spec import Spec, spec_of
+    from hitmdp_jax.errors import UsageError
+    from hitmdp_jax.runs.policy import Policy, load, save
+    from hitmdp_jax.training.program import TrainState, make_train, train
+    from hitmdp_jax.version import __version__
 
 __all__ = [
     "Policy",
     "Spec",
     "TrainState",
     "UsageError",
+    "__version__",
     "agents",
     "list_envs",
     "load",
@@ -29,3 +29,16 @@ __all__ = [
     "spec_of",
     "train",
 ]
+
+__getattr__, __dir__ = lazy.attach(
+    __name__,
+    {
+        "agents": "agents",
+        "UsageError": "errors",
+        "__version__": "version",
+        **dict.fromkeys(("list_envs", "make_env", "register_env"), "envs"),
+        **dict.fromkeys(("Spec", "spec_of"), "envs.spec"),
+        **dict.fromkeys(("Policy", "load", "save"), "runs.policy"),
+        **dict.fromkeys(("TrainState", "make_train", "train"), "training.program"),
+    },
+)

@@ -1,5 +1,6 @@
 """Physics engines behind one protocol: MJX (XLA), MuJoCo C, and MJX on Warp."""
 
+import hitmdp_jax.quiet_mjx  # noqa: F401
 from hitmdp_jax.errors import unknown_name
 from hitmdp_jax.physics.base import Engine, Physics, PhysicsState, SolverBudget
 from hitmdp_jax.physics.mjx import MjxEngine

@@ -5,12 +5,11 @@ import functools
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
 import yaml
-from brax.envs.base import Env
 
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import Agent, find_agent
@@ -25,6 +24,9 @@ from hitmdp_jax.reading import read_yaml
 from hitmdp_jax.runs.folder import CONFIG
 from hitmdp_jax.training.program import check_sizes, num_iterations, usual_pool_size
 from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
+
+if TYPE_CHECKING:
+    from brax.envs.base import Env
 
 SCHEMA = 3  # of config.yaml; raised where an older package would misread it
 # What hyperparameters stood for that a schema did not have yet, where that is not their default.
@@ -133,7 +135,7 @@ class RunConfig:
         return config
 
     def check_memory(
-        self, env: Env | None = None, at_once: int = 1, available: int | None = None
+        self, env: "Env | None" = None, at_once: int = 1, available: int | None = None
     ) -> None:
         """Check that what a run must hold at once can fit into memory, before any of it is made.
 

@@ -101,7 +101,7 @@ class Corridor(Env):
 
 @pytest.fixture
 def registry(monkeypatch):
-    monkeypatch.setattr("hitmdp_jax.envs._registered", {})
+    monkeypatch.setattr("hitmdp_jax.envs.registry._registered", {})
 
 
 @pytest.mark.usefixtures("registry")

@@ -5,7 +5,7 @@ import importlib
 
 from hitmdp_jax.envs.suites.base import Suite
 
-__all__ = ["SUITES", "Suite", "all_suites", "find_suite"]
+__all__ = ["SUITES", "Suite", "all_suites", "find_suite", "suite_names"]
 
 SUITES = (  # modules of this package, each with a `SUITE`
     "gym",
@@ -21,6 +21,11 @@ def all_suites() -> tuple[Suite, ...]:
     """Return the suites."""
     modules = (importlib.import_module(f"{__name__}.{name}") for name in SUITES)
     return tuple(module.SUITE for module in modules)
+
+
+def suite_names() -> tuple[str, ...]:
+    """Return the names of the tasks of all suites."""
+    return tuple(name for suite in all_suites() for name in suite.names())
 
 
 def find_suite(name: str) -> Suite | None:

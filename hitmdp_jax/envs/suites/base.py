@@ -4,13 +4,14 @@ import dataclasses
 import importlib.util
 import pkgutil
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from brax.envs.base import Env
-
-from hitmdp_jax.envs.keywords import check_keywords, parameters_of
 from hitmdp_jax.errors import UsageError, missing_extra, unknown_name
-from hitmdp_jax.physics import DEFAULT_ENGINE, PhysicsChoice, find_engine
+
+if TYPE_CHECKING:  # names are listed without JAX, Brax and MuJoCo, which take seconds to import
+    from brax.envs.base import Env
+
+    from hitmdp_jax.physics import PhysicsChoice
 
 VERSIONS = ("v4", "v5")
 
@@ -50,11 +51,11 @@ class Suite:
         """Return the full names of its tasks."""
         return tuple(self.prefix + task for task in self.tasks)
 
-    def constructor(self, name: str) -> Callable[..., Env]:
+    def constructor(self, name: str) -> "Callable[..., Env]":
         """Return what makes the task of that full name, one of `names()`."""
         return pkgutil.resolve_name(f"{self.folder}.{self.tasks[name.removeprefix(self.prefix)]}")
 
-    def check(self, name: str, version: str = "v5", **keywords: Any) -> Callable[..., Env]:
+    def check(self, name: str, version: str = "v5", **keywords: Any) -> "Callable[..., Env]":
         """Return a task's constructor, having checked the version and the keywords.
 
         Raises:
@@ -64,16 +65,20 @@ class Suite:
             raise unknown_name("environment", name, self.names())
         if not isinstance(version, str) or version not in VERSIONS:
             raise unknown_name("version", str(version), VERSIONS)
+        from hitmdp_jax.envs.keywords import check_keywords
+
         task = self.constructor(name)
         check_keywords(name, task, keywords)
         return task
 
-    def check_engine(self, name: str, physics: PhysicsChoice) -> None:
+    def check_engine(self, name: str, physics: "PhysicsChoice") -> None:
         """Reject an engine where a task brings its own physics.
 
         Raises:
           UsageError: it does and the engine is not the default; or there is no such engine.
         """
+        from hitmdp_jax.physics import DEFAULT_ENGINE, find_engine
+
         if find_engine(physics).name != DEFAULT_ENGINE and self.own_physics:
             raise UsageError(f"{name} brings its own physics: physics must stay at its default.")
 
@@ -86,7 +91,9 @@ class Suite:
         if self.package is not None and importlib.util.find_spec(self.package) is None:
             raise missing_extra(self.extra, f"A task of {self.prefix.rstrip('/')}")
 
-    def make(self, name: str, physics: PhysicsChoice, version: str = "v5", **keywords: Any) -> Env:
+    def make(
+        self, name: str, physics: "PhysicsChoice", version: str = "v5", **keywords: Any
+    ) -> "Env":
         """Make a task.
 
         Raises:
@@ -99,9 +106,12 @@ class Suite:
 
 
 def construct(
-    task: Callable[..., Env], physics: PhysicsChoice, version: str, keywords: Mapping[str, Any]
-) -> Env:
+    task: "Callable[..., Env]", physics: "PhysicsChoice", version: str, keywords: Mapping[str, Any]
+) -> "Env":
     """Call a task's constructor, with the engine and the version where it takes them."""
+    from hitmdp_jax.envs.keywords import parameters_of
+    from hitmdp_jax.physics import find_engine
+
     given = {"physics": find_engine(physics), "version": version}
     takes = parameters_of(task)
     return task(**{k: x for k, x in given.items() if k in takes}, **keywords)

@@ -1,13 +1,13 @@
 """Brax's own environments under our names: `brax/<name>`."""
 
 from collections.abc import Callable
-from typing import Any
-
-import brax.envs
-from brax.envs.base import Env
+from typing import TYPE_CHECKING, Any
 
 from hitmdp_jax.envs.suites.base import Suite
 from hitmdp_jax.errors import unknown_name
+
+if TYPE_CHECKING:
+    from brax.envs.base import Env
 
 BACKENDS = ("generalized", "spring", "positional", "mjx")  # of Brax's physics
 
@@ -15,15 +15,7 @@ BACKENDS = ("generalized", "spring", "positional", "mjx")  # of Brax's physics
 class BraxSuite(Suite):
     """The environments of Brax's registry; the keyword `backend` chooses among Brax's physics."""
 
-    def names(self) -> tuple[str, ...]:
-        """Return the full names of its tasks."""
-        return tuple(self.prefix + name for name in brax.envs._envs)  # which has no public listing
-
-    def constructor(self, name: str) -> Callable[..., Env]:
-        """Return the class that Brax registered."""
-        return brax.envs._envs[name.removeprefix(self.prefix)]
-
-    def check(self, name: str, version: str = "v5", **keywords: Any) -> Callable[..., Env]:
+    def check(self, name: str, version: str = "v5", **keywords: Any) -> "Callable[..., Env]":
         """Return a task's constructor, having checked the keywords, the back end among them."""
         task = super().check(name, version, **keywords)
         if keywords.get("backend", BACKENDS[0]) not in BACKENDS:
@@ -31,4 +23,23 @@ class BraxSuite(Suite):
         return task
 
 
-SUITE = BraxSuite(prefix="brax/", own_physics=True, ours=False)
+SUITE = BraxSuite(
+    prefix="brax/",
+    own_physics=True,
+    ours=False,
+    folder="brax.envs",
+    tasks={
+        "ant": "ant:Ant",
+        "fast": "fast:Fast",
+        "halfcheetah": "half_cheetah:Halfcheetah",
+        "hopper": "hopper:Hopper",
+        "humanoid": "humanoid:Humanoid",
+        "humanoidstandup": "humanoidstandup:HumanoidStandup",
+        "inverted_pendulum": "inverted_pendulum:InvertedPendulum",
+        "inverted_double_pendulum": "inverted_double_pendulum:InvertedDoublePendulum",
+        "pusher": "pusher:Pusher",
+        "reacher": "reacher:Reacher",
+        "swimmer": "swimmer:Swimmer",
+        "walker2d": "walker2d:Walker2d",
+    },
+)

@@ -3,6 +3,7 @@
 import sys
 import types
 
+import brax.envs
 import numpy as np
 import pytest
 
@@ -80,3 +81,10 @@ def test_names_of_suites_do_not_overlap():
     assert len(set(names)) == len(names)
     prefixes = [suite.prefix for suite in all_suites()]
     assert sum(prefix == "" for prefix in prefixes) == 1
+
+
+def test_the_tasks_of_brax_are_those_that_it_registers():
+    """They are written down here, since Brax takes seconds to import."""
+    suite = next(suite for suite in all_suites() if suite.prefix == "brax/")
+    registered = {f"brax/{name}": task for name, task in brax.envs._envs.items()}
+    assert {name: suite.constructor(name) for name in suite.names()} == registered
