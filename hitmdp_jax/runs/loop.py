@@ -237,14 +237,15 @@ def title(run: Run) -> str:
     """Return the line that says what runs, and where something would be faster."""
     config, env, devices = run.config, run.envs[0], run.mesh.devices.ravel()
     on_cpu = devices[0].platform == "cpu"
+    physics = getattr(env, "backend", "of its own")  # Brax's word, which not all tasks know
     parts = [
         config.title,
-        f"physics {env.backend} on {len(devices)} × {'CPU' if on_cpu else devices[0].device_kind}"
+        f"physics {physics} on {len(devices)} × {'CPU' if on_cpu else devices[0].device_kind}"
         + (f" in {jax.process_count()} processes" if processes.several() else ""),
         f"{config.num_envs} envs × {config.seeds} seeds"
         + (f" × {len(config.settings)} settings" if config.sweep else ""),
     ]
-    if on_cpu and has_model(env) and env.backend != NativeEngine.name:
+    if on_cpu and has_model(env) and physics != NativeEngine.name:
         speed = native_speed(env.model, env.physics.frame_skip)
         parts.append(f"physics=native would step {speed:,.0f} envs a second here")
     return ", ".join(parts)
