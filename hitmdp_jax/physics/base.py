@@ -3,11 +3,12 @@
 import abc
 import dataclasses
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import mujoco
+import numpy as np
 from flax import struct
 
 from hitmdp_jax.errors import UsageError
@@ -72,44 +73,68 @@ def beyond_limits(state: PhysicsState) -> jax.Array:
     return ~(jnp.abs(values) < MAX_VALUE).all()  # so written that NaN is beyond them, too
 
 
-class Physics(Protocol):
+class Physics(abc.ABC):
     """A physics engine for one model: pure functions that jit and vmap.
+
+    Args:
+      model: the compiled model, prepared for the engine.
+      frame_skip: physics substeps in one control step.
+      fields: names of the derived MjData fields the task reads.
+      current_fields: compute those of position and velocity once more after the last substep, at
+        the new state.
 
     Attributes:
       name: the engine, as the user names it.
-      model: the compiled MuJoCo model.
-      frame_skip: physics substeps in one control step.
     """
 
-    name: str
-    model: mujoco.MjModel
-    frame_skip: int
+    name: ClassVar[str]
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        frame_skip: int,
+        fields: Sequence[str] = (),
+        current_fields: bool = False,
+    ):
+        self.model = model
+        self.frame_skip = frame_skip
+        self._fields = tuple(fields)
+        self._current_fields = current_fields
+        blank = mujoco.MjData(model)
+        self._field_shapes = {f: np.shape(getattr(blank, f)) for f in self._fields}
 
     def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
         """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""
-        ...
+        state = blank_state(self.model, qpos, qvel)
+        return self._forward(state) if self._fields else state
 
+    @abc.abstractmethod
     def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
         """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
-        ...
+
+    @abc.abstractmethod
+    def _forward(self, state: PhysicsState) -> PhysicsState:
+        """Return a state with its derived fields."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Engine(abc.ABC):
+class Engine:
     """A physics engine: what it can run, what it needs for it, and how it is built.
 
     An engine is one file with a subclass of this, and its entry in `ENGINES`.
 
     Attributes:
       name: what the user calls it.
+      physics: what it builds.
       safe_rows: environments that one CPU device may step at once without blocking a thread of
         XLA's pool; see `set_up_host`. None: any number.
     """
 
     name: ClassVar[str]
+    physics: ClassVar[type[Physics]]
     safe_rows: ClassVar[int | None] = None
 
-    def check(self) -> None:  # noqa: B027 # most engines come with the package
+    def check(self) -> None:
         """Check that what the engine needs is installed.
 
         Raises:
@@ -125,32 +150,17 @@ class Engine(abc.ABC):
         if model.na:
             raise UsageError("Models with actuator activations (na > 0) are not supported.")
 
-    def prepare(  # noqa: B027 # MuJoCo C runs every model as it is
-        self, model: mujoco.MjModel, budget: SolverBudget | None = None
-    ) -> None:
-        """Make the changes to a compiled model, in place, that the engine needs.
+    def prepare(self, model: mujoco.MjModel, budget: SolverBudget | None = None) -> None:
+        """Make the changes to a compiled model, in place, that the engine needs; none by default.
 
         Args:
           model: the compiled model.
           budget: the task's solver iterations, for engines that pay for all they are allowed.
         """
 
-    @abc.abstractmethod
-    def build(
-        self,
-        model: mujoco.MjModel,
-        frame_skip: int,
-        fields: Sequence[str] = (),
-        current_fields: bool = False,
-    ) -> Physics:
-        """Build the physics of one prepared model.
-
-        Args:
-          model: the compiled model.
-          frame_skip: physics substeps in one control step.
-          fields: names of the derived MjData fields the task reads.
-          current_fields: bring those of position and velocity up to date after a step.
-        """
+    def build(self, *arguments: Any, **keywords: Any) -> Physics:
+        """Build the physics of one prepared model; the arguments are those of `Physics`."""
+        return self.physics(*arguments, **keywords)
 
     def shared(self, num_devices: int) -> "Engine":
         """Return the engine with its share of the cores, for each of so many devices."""

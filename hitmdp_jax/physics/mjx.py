@@ -1,22 +1,20 @@
 """MuJoCo XLA: physics as a JAX program, for any device."""
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 import mujoco
-import numpy as np
 from mujoco import mjx
 
 from hitmdp_jax.envs.assets import CONTACTS
 from hitmdp_jax.physics.base import (
     Engine,
+    Physics,
     PhysicsState,
     SolverBudget,
     beyond_limits,
-    blank_state,
 )
 from hitmdp_jax.precision import in_32_bits
 
@@ -25,90 +23,35 @@ from hitmdp_jax.precision import in_32_bits
 full_precision = jax.default_matmul_precision("highest")
 
 
-@dataclasses.dataclass(frozen=True)
-class MjxEngine(Engine):
-    """MJX on XLA.
-
-    Args:
-      full_budget: keep the model's own solver iterations, whatever the task's budget.
-    """
-
-    name: ClassVar[str] = "mjx"
-    # Of the solver's Cholesky factorisations, XLA's threads wait for one another beyond this.
-    safe_rows: ClassVar[int | None] = 64
-
-    full_budget: bool = False
-
-    def prepare(self, model: mujoco.MjModel, budget: SolverBudget | None = None) -> None:
-        """Choose Newton where the model names PGS, which MJX lacks; set the task's budget.
-
-        One with contacts needs a model of `load_model`, which leaves room for their number.
-        """
-        newton_for_pgs(model)
-        if budget is not None and not self.full_budget:
-            model.opt.iterations, model.opt.ls_iterations = budget.iterations, budget.ls_iterations
-            if budget.contacts is not None:
-                model.numeric(CONTACTS).data[:] = budget.contacts
-
-    def build(
-        self,
-        model: mujoco.MjModel,
-        frame_skip: int,
-        fields: Sequence[str] = (),
-        current_fields: bool = False,
-    ) -> "MjxPhysics":
-        """Build the physics of one prepared model."""
-        return MjxPhysics(model, frame_skip, fields, current_fields)
-
-
-class MjxPhysics:
+class MjxPhysics(Physics):
     """Implements `Physics` with MJX.
 
     Only the generalised state crosses a control step; everything else in `mjx.Data` is recomputed
     from it, so a thousand environments cost kilobytes, not gigabytes.
-
-    Args:
-      model: the compiled model; its solver options are the budget MJX works with.
-      frame_skip: substeps in one control step.
-      fields: names of the derived MjData fields the task reads.
-      current_fields: compute them once more after the last substep, at the new state.
     """
 
     name = "mjx"
     implementation: ClassVar[str] = "jax"  # MJX's word for what computes
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        frame_skip: int,
-        fields: Sequence[str] = (),
-        current_fields: bool = False,
-    ):
-        self.model = model
-        self.frame_skip = frame_skip
-        self._fields = tuple(fields)
-        self._current_fields = current_fields
-        blank = mujoco.MjData(model)
-        self._field_shapes = {f: np.shape(getattr(blank, f)) for f in self._fields}
-        self._mjx_model = mjx.put_model(model, impl=self.implementation)
-        self._blank = mjx.make_data(model, impl=self.implementation)
-
-    def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
-        """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""
-        state = blank_state(self.model, qpos, qvel)
-        return self._forward(self._blank, state) if self._fields else state
+    def __init__(self, *arguments: Any, **keywords: Any):
+        super().__init__(*arguments, **keywords)
+        self._mjx_model = mjx.put_model(self.model, impl=self.implementation)
+        self._blank = mjx.make_data(self.model, impl=self.implementation)
 
     def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
         """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
-        return self._advance(self._blank, state.replace(ctrl=ctrl))
+        return self._advance_from(self._blank, state.replace(ctrl=ctrl))
+
+    def _forward(self, state: PhysicsState) -> PhysicsState:
+        return self._forward_from(self._blank, state)
 
     @full_precision
-    def _forward(self, blank: mjx.Data, state: PhysicsState) -> PhysicsState:
+    def _forward_from(self, blank: mjx.Data, state: PhysicsState) -> PhysicsState:
         data = mjx.forward(_without_empty_constants(self._mjx_model), _load(blank, state))
         return in_32_bits(state.replace(derived=self._read(data)))
 
     @full_precision
-    def _advance(self, blank: mjx.Data, state: PhysicsState) -> PhysicsState:
+    def _advance_from(self, blank: mjx.Data, state: PhysicsState) -> PhysicsState:
         model = _without_empty_constants(self._mjx_model)
 
         def substep(carry: PhysicsState, _: None) -> tuple[PhysicsState, None]:
@@ -145,6 +88,33 @@ class MjxPhysics:
             field: getattr(own if hasattr(own, field) else data, field).reshape(shape)
             for field, shape in self._field_shapes.items()
         }
+
+
+@dataclasses.dataclass(frozen=True)
+class MjxEngine(Engine):
+    """MJX on XLA.
+
+    Args:
+      full_budget: keep the model's own solver iterations, whatever the task's budget.
+    """
+
+    name: ClassVar[str] = "mjx"
+    physics: ClassVar[type[Physics]] = MjxPhysics
+    # Of the solver's Cholesky factorisations, XLA's threads wait for one another beyond this.
+    safe_rows: ClassVar[int | None] = 64
+
+    full_budget: bool = False
+
+    def prepare(self, model: mujoco.MjModel, budget: SolverBudget | None = None) -> None:
+        """Choose Newton where the model names PGS, which MJX lacks; set the task's budget.
+
+        One with contacts needs a model of `load_model`, which leaves room for their number.
+        """
+        newton_for_pgs(model)
+        if budget is not None and not self.full_budget:
+            model.opt.iterations, model.opt.ls_iterations = budget.iterations, budget.ls_iterations
+            if budget.contacts is not None:
+                model.numeric(CONTACTS).data[:] = budget.contacts
 
 
 def newton_for_pgs(model: mujoco.MjModel) -> None:

@@ -13,39 +13,8 @@ from jax.custom_batching import custom_vmap
 from mujoco import mjx
 
 from hitmdp_jax.errors import missing_extra
-from hitmdp_jax.physics.base import Engine, PhysicsState, SolverBudget, blank_state
+from hitmdp_jax.physics.base import Engine, Physics, PhysicsState, SolverBudget
 from hitmdp_jax.physics.mjx import MjxPhysics, newton_for_pgs
-
-
-@dataclasses.dataclass(frozen=True)
-class WarpEngine(Engine):
-    """MJX with Warp in place of XLA for the physics."""
-
-    name: ClassVar[str] = "warp"
-
-    def check(self) -> None:
-        """Check that warp-lang is installed.
-
-        Raises:
-          UsageError: it is not.
-        """
-        from mujoco.mjx import warp
-
-        if not warp.WARP_INSTALLED:
-            raise missing_extra("warp", "physics=warp")
-
-    def prepare(self, model: mujoco.MjModel, budget: SolverBudget | None = None) -> None:
-        """Choose Newton for PGS. No budget: Warp's solver stops where it has converged."""
-        newton_for_pgs(model)
-        # A model may decline MuJoCo C's tree of geoms; Warp has none, and refuses to be told so.
-        model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
-
-    def build(self, *arguments: Any, **keywords: Any) -> "WarpPhysics":
-        """Build the physics of one prepared model; the arguments are those of every engine."""
-        import warp
-
-        warp.config.log_level = warp.LOG_WARNING  # it tells of each of some fifty kernels it loads
-        return WarpPhysics(*arguments, **keywords)
 
 
 class WarpPhysics(MjxPhysics):
@@ -65,14 +34,12 @@ class WarpPhysics(MjxPhysics):
         of_one_world = mjx.make_data(self.model, impl="jax")._impl
         return of_one_world.ncon, of_one_world.nefc  # pyright: ignore
 
-    def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
-        """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""
-        state = blank_state(self.model, qpos, qvel)
-        return in_one_call(self._all(self._forward))(state) if self._fields else state
-
     def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
         """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
-        return in_one_call(self._all(self._advance))(state.replace(ctrl=ctrl))
+        return in_one_call(self._all(self._advance_from))(state.replace(ctrl=ctrl))
+
+    def _forward(self, state: PhysicsState) -> PhysicsState:
+        return in_one_call(self._all(self._forward_from))(state)
 
     def _substep(self, model: mjx.Model, data: mjx.Data) -> mjx.Data:
         forces = "cfrc_ext" in self._fields
@@ -99,6 +66,38 @@ class WarpPhysics(MjxPhysics):
             empty = jax.tree.map(lambda x: not np.any(x), data)
         # A list for many worlds is no constant to store in a program: what is zero is made there.
         return jax.tree.map(lambda x, none: jnp.zeros(x.shape, x.dtype) if none else x, data, empty)
+
+
+@dataclasses.dataclass(frozen=True)
+class WarpEngine(Engine):
+    """MJX with Warp in place of XLA for the physics."""
+
+    name: ClassVar[str] = "warp"
+    physics: ClassVar[type[Physics]] = WarpPhysics
+
+    def check(self) -> None:
+        """Check that warp-lang is installed.
+
+        Raises:
+          UsageError: it is not.
+        """
+        from mujoco.mjx import warp
+
+        if not warp.WARP_INSTALLED:
+            raise missing_extra("warp", "physics=warp")
+
+    def prepare(self, model: mujoco.MjModel, budget: SolverBudget | None = None) -> None:
+        """Choose Newton for PGS. No budget: Warp's solver stops where it has converged."""
+        newton_for_pgs(model)
+        # A model may decline MuJoCo C's tree of geoms; Warp has none, and refuses to be told so.
+        model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
+
+    def build(self, *arguments: Any, **keywords: Any) -> Physics:
+        """Build the physics of one prepared model; the arguments are those of `Physics`."""
+        import warp
+
+        warp.config.log_level = warp.LOG_WARNING  # it tells of each of some fifty kernels it loads
+        return super().build(*arguments, **keywords)
 
 
 def _with_options(model: mjx.Model, **options: Any) -> mjx.Model:

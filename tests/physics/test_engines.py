@@ -34,6 +34,9 @@ LANDING = """<mujoco><option integrator="{}"/><worldbody>
   <body pos="0 0 0.09"><freejoint/>
     <geom size="0.1" condim="1"/><geom size="0.05" pos="0.2 0 0" contype="0" conaffinity="0"/>
   </body></worldbody></mujoco>"""
+PUSHED_BALL = """<mujoco><worldbody>
+  <body><freejoint name="free"/><geom size="0.1"/></body>
+  </worldbody><actuator><motor joint="free" gear="1 0 0 0 0 0"/></actuator></mujoco>"""
 MUSCLE = """<mujoco><worldbody>
   <body><joint name="hinge"/><geom size="0.1"/></body>
   </worldbody><actuator><general joint="hinge" dyntype="integrator"/></actuator></mujoco>"""
@@ -55,15 +58,19 @@ def solver_of(model):
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_current_fields_are_those_of_the_state_reached(engine):
-    """A ball falls 0.1 s. Under x64: MuJoCo C reads the memory that it was given as what it is."""
-    ball = falling_ball("Euler")
+    """A ball falls for 0.1 s and is pushed. Under x64, where actions that are clipped have 64 bits:
+    MuJoCo C must read the memory that it is given as what it is."""
+    ball = mujoco.MjModel.from_xml_string(PUSHED_BALL)
     with jax.enable_x64(True):
         physics = find_engine(engine).build(ball, 50, ("xpos",), current_fields=True)
         start = jax.jit(physics.initial)(ball.qpos0, np.zeros(ball.nv))
-        after = jax.jit(physics.step)(start, start.ctrl)
+        after = jax.jit(physics.step)(start, np.array([20.0]))
+        assert jax.tree.map(jax.typeof, after) == jax.tree.map(jax.typeof, start)
     data = mujoco.MjData(ball)
+    data.ctrl[:] = 20.0
     mujoco.mj_step(ball, data, 50)
     mujoco.mj_forward(ball, data)
+    assert data.qpos[0] > 0.02
     assert_state_is(after, data)
     np.testing.assert_allclose(after.displacement, after.qpos - start.qpos, atol=1e-6)
 
@@ -199,7 +206,7 @@ def test_native_uses_only_the_cores_it_may_use(ball, monkeypatch):
             threads.append(self.nthread)
 
     monkeypatch.setattr(speed, "Batch", Spy)
-    monkeypatch.setattr("hitmdp_jax.physics.native.Batch", Spy)
+    monkeypatch.setattr("hitmdp_jax.physics.pool.Batch", Spy)
     os.sched_setaffinity(0, {min(allowed)})
     try:
         physics = NativeEngine().build(ball, 1)

@@ -12,7 +12,7 @@ from flax import struct
 
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.mesh import DATA, TRIAL
-from hitmdp_jax.physics import native
+from hitmdp_jax.physics import pool
 from hitmdp_jax.runs import devices
 from hitmdp_jax.runs.checkpoint import Progress
 from hitmdp_jax.runs.config import RunConfig
@@ -107,13 +107,13 @@ def test_seeds_on_two_devices_equal_each_alone(side_by_side, alone, monkeypatch)
 
 def test_environments_on_two_devices_equal_environments_on_one(alone, monkeypatch):
     """State, parameters, normaliser and metrics; and each device steps its own half."""
-    whole, rows_seen = native._Pool.run, set()
+    whole, rows_seen = pool.Pool.run, set()
 
-    def watched(pool, what, rows, out):
+    def watched(self, what, rows, out):
         rows_seen.add(len(rows))
-        whole(pool, what, rows, out)
+        whole(self, what, rows, out)
 
-    monkeypatch.setattr(native._Pool, "run", watched)
+    monkeypatch.setattr(pool.Pool, "run", watched)
     run = Run.create(config(seeds=2, data_devices=2))
     together = after_an_iteration(run, *run.programs(0))
     assert len(together[1]["action_kl"]) == 2
