@@ -98,7 +98,7 @@ def training(env: str, algo: str, physics: str, seeds: int, size: Size, seconds:
     run, step, state = _begun(env, algo, physics, seeds, size)
     state = jax.block_until_ready(step(state)[0])
     first = time.perf_counter() - start
-    steps = run.config.steps_per_iteration * run.config.iterations_per_report * seeds
+    steps = run.schedule.steps_per_report * seeds
     return {
         "steps_per_second": steps / per_call(lambda s: step(s)[0], state, seconds),
         "first_update_s": first,

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from hitmdp_jax.figures.curves import read_metrics
-from hitmdp_jax.runs.loop import SPEED_WINDOW
+from hitmdp_jax.runs.reporter import SPEED_WINDOW
 
 TASK = "HalfCheetah-v5"
 NUM_ENVS, LENGTH, MINIBATCH, EPOCHS, SIZES = 16, 128, 64, 10, (64, 64)

@@ -69,7 +69,7 @@ def measure(algo: str, physics: str, seeds: int, seconds: float) -> dict[str, fl
 
     iteration = per_call(step, state)
     rollout = per_call(spread(*rollout_program(agent, env, config), run.mesh)[1], state)
-    steps = config.steps_per_iteration * seeds * config.iterations_per_report
+    steps = config.schedule.steps_per_report * seeds
     bare = native_speed(env.model, env.physics.frame_skip)  # pyright: ignore
     return {
         "steps_per_second": steps / iteration,
@@ -81,7 +81,7 @@ def measure(algo: str, physics: str, seeds: int, seconds: float) -> dict[str, fl
 
 def rollout_program(agent: Agent, env: Any, config: RunConfig) -> tuple[Any, Any]:
     """Return a program whose step is the rollouts of a report alone."""
-    vector_env = VectorEnv(env, config.num_envs, config.steps_per_iteration // 4)
+    vector_env = VectorEnv(env, config.num_envs, config.schedule.steps_per_iteration // 4)
 
     def step(state):
         def once(rollout, key):
@@ -90,7 +90,7 @@ def rollout_program(agent: Agent, env: Any, config: RunConfig) -> tuple[Any, Any
             out = collect(agent, params, state.normalizer, vector_env, rollout, key, length)
             return out[0], out[1]
 
-        keys = jax.random.split(state.key, config.iterations_per_report)
+        keys = jax.random.split(state.key, config.schedule.iterations_per_report)
         return jax.lax.scan(once, state.rollout, keys)
 
     return lambda key: key, step

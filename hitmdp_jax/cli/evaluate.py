@@ -28,7 +28,6 @@ from hitmdp_jax.runs.folder import EVALUATIONS, alone, write
 from hitmdp_jax.runs.host import set_up_host
 from hitmdp_jax.runs.interrupt import StopRequest
 from hitmdp_jax.runs.policy import Policy, places
-from hitmdp_jax.runs.run import Run
 from hitmdp_jax.runs.sinks.csv import kept_aside
 from hitmdp_jax.training.sweep import PREFIX, Training
 
@@ -63,7 +62,7 @@ def _main() -> None:
     config = RunConfig.load(options.run_dir, options.trust)
     if config.env is None:
         raise UsageError(f"'{options.run_dir}' was saved from Python and names no task.")
-    chosen = places(config, options.seed, options.setting)
+    chosen = places(config.trainings, options.seed, options.setting)
     engine = config.physics if options.engine is None else options.engine
     check_request(engine, options.episodes)
     side_by_side = options.episodes * len(chosen)
@@ -184,15 +183,15 @@ class Evaluation:
 
     def __init__(self, config: RunConfig, run_dir: Path):
         self.every = config.eval_every
-        self._run_dir = run_dir
+        self._config, self._run_dir = config, run_dir
 
-    def __call__(self, run: Run, progress: Progress) -> dict[str, np.ndarray]:
+    def __call__(self, progress: Progress, env_steps: int) -> dict[str, np.ndarray]:
         """Return the mean return of each training [R]."""
-        config, state = run.config, progress.state
+        config, state = self._config, progress.state
         assert state is not None
         here = jax.local_devices()[0]
         learned = jax.device_put((state.learner.params, state.normalizer), here)
-        everyone = Policy(run.agent.replace(**config.swept).bind(state.spec), *learned)
+        everyone = Policy(config.make_agent().replace(**config.swept).bind(state.spec), *learned)
         keys = [
             jax.random.fold_in(jax.random.key(training.seed + SEED_OFFSET), progress.iteration)
             for training in config.trainings

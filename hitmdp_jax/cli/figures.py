@@ -110,7 +110,7 @@ def _metrics_of(configs: dict[Path, RunConfig], seed: int | None) -> list[RunMet
     """Return the metrics of one training of each run."""
     runs: list[RunMetrics] = []
     for run_dir, config in configs.items():
-        (number, *_) = places(config, config.seed if seed is None else seed)
+        (number, *_) = places(config.trainings, config.seed if seed is None else seed)
         everyone = read_metrics(run_dir, len(config.trainings))
         metrics = {column: x[number : number + 1] for column, x in everyone.items()}
         title = f"{config.title}, seed {config.trainings[number].seed}"

@@ -22,7 +22,7 @@ class Chosen(NamedTuple):
     @property
     def env_steps(self) -> int:
         """Environment steps that the policy learned from."""
-        return self.config.steps_after(self.iteration)
+        return self.config.schedule.steps_after(self.iteration)
 
     @property
     def task(self) -> Task:
@@ -59,9 +59,9 @@ def load_chosen(options: argparse.Namespace) -> Chosen:
     """
     config = RunConfig.load(options.run_dir, options.trust)
     seed = config.seed if options.seed is None else options.seed
-    (place,) = places(config, seed, options.setting or 0)
+    (place,) = places(config.trainings, seed, options.setting or 0)
     iteration, everyone = load_named(options)
     named = {"seed": options.seed, "setting": options.setting}
     parts = [f"{name}{number}" for name, number in named.items() if number is not None]
-    name = "_".join([str(config.steps_after(iteration)), *parts])
+    name = "_".join([str(config.schedule.steps_after(iteration)), *parts])
     return Chosen(config, config.trainings[place], iteration, everyone.of(place), name)

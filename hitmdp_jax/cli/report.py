@@ -97,7 +97,7 @@ def report(
     """
     from hitmdp_jax.report.run_report import RunReport
 
-    training = _median(run_dir, config) if seed is None else places(config, seed)[0]
+    training = _median(run_dir, config) if seed is None else places(config.trainings, seed)[0]
     key = jax.random.key(config.trainings[training].seed + SEED_OFFSET)
 
     @functools.cache
@@ -152,7 +152,7 @@ def _median(run_dir: Path, config: RunConfig) -> int:
     if not metrics:
         return 0
     returns = final_returns(metrics, config.switch_at)
-    candidates = np.array(places(config, setting=rank(metrics, config)[0].setting))
+    candidates = np.array(places(config.trainings, setting=rank(metrics, config)[0].setting))
     known = candidates[np.isfinite(returns[candidates])]
     return int(known[np.argsort(returns[known])[(len(known) - 1) // 2]]) if known.size else 0
 

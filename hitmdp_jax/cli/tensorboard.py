@@ -7,7 +7,6 @@ from hitmdp_jax.runs.checkpoint import Progress
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import FIGURES, subfolder
 from hitmdp_jax.runs.interrupt import StopRequest
-from hitmdp_jax.runs.run import Run
 from hitmdp_jax.runs.sinks import Values
 from hitmdp_jax.runs.sinks.tensorboard import write_pictures
 
@@ -26,7 +25,7 @@ class OptionFigures:
         self.every = config.checkpoint_steps
         self._title, self._run_dir, self._switch_at = config.title, run_dir, config.switch_at
 
-    def __call__(self, run: Run, progress: Progress) -> Values:
+    def __call__(self, progress: Progress, env_steps: int) -> Values:
         """Draw a figure, and return no metric."""
         # Matplotlib takes a second to import, in which the training could have started.
         from hitmdp_jax.figures.curves import option_durations, pixels, read_metrics
@@ -35,7 +34,6 @@ class OptionFigures:
             metrics = read_metrics(self._run_dir)
             if "option_steps_0" in metrics:
                 picture = pixels(option_durations(metrics, self._title, self._switch_at))
-                env_steps = run.config.steps_after(progress.iteration)
                 folder = subfolder(self._run_dir, FIGURES)
                 write_pictures(folder, {"option_durations": picture}, env_steps)
         except (OSError, UsageError) as error:  # a full disk, a damaged row: they end no training

@@ -165,10 +165,9 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
             resume = run_dir
     set_up_host(config.physics, config.num_envs, len(config.trainings), config.data_devices)
     processes.check_same("settings", config.to_yaml())
-    if resume is not None and processes.told(lambda: is_finished(resume, config)):
-        print(
-            f"{run_dir} is finished: {config.env_steps:,} env steps. A larger total_steps goes on."
-        )
+    if resume is not None and processes.told(lambda: is_finished(resume, config.schedule)):
+        done = f"{config.schedule.env_steps:,} env steps"
+        print(f"{run_dir} is finished: {done}. A larger total_steps goes on.")
         return 0
     run = Run.create(config)  # or say why not, before a folder is made
     if resume is None:
@@ -181,9 +180,10 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
 def _run(run: Run, run_dir: Path, resume: bool, report: bool) -> int:
     """Train, draw what was learned, report it and say how it ended."""
     from hitmdp_jax.runs import loop
+    from hitmdp_jax.runs.reporter import Hook
 
     config = run.config
-    hooks: list[loop.Hook] = [OptionFigures(config, run_dir)]
+    hooks: list[Hook] = [OptionFigures(config, run_dir)]
     if config.video_every:
         from hitmdp_jax.cli.video import Videos
 
@@ -251,15 +251,15 @@ def _resumed(run_dir: Path, names: list[str], values: dict[str, Any]) -> RunConf
         raise UsageError(f"'{run_dir}' was saved from Python and names no task to go on with.")
     changes = {name: values[name] for name in CHANGEABLE if name in names}
     changed = RunConfig.from_mapping(config.to_dict() | changes)
-    if config.second_env is not None and changed.iterations != config.iterations:
+    if config.second_env is not None and changed.schedule.iterations != config.schedule.iterations:
         raise UsageError(
             f"'{run_dir}' is a transfer, whose total_steps = {config.total_steps:,} say when it "
             "goes over to its second task; they cannot be changed."
         )
     done = max(saved_iterations(run_dir), default=0)
-    if "total_steps" in names and changed.iterations < done:
+    if "total_steps" in names and changed.schedule.iterations < done:
         raise UsageError(
             f"total_steps = {changed.total_steps:,} is less than the "
-            f"{changed.steps_after(done):,} that '{run_dir}' has done."
+            f"{changed.schedule.steps_after(done):,} that '{run_dir}' has done."
         )
     return changed

@@ -30,7 +30,6 @@ from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import CONFIG, VIDEOS, made, subfolder, write
 from hitmdp_jax.runs.host import set_up_host
 from hitmdp_jax.runs.interrupt import StopRequest
-from hitmdp_jax.runs.run import Run
 from hitmdp_jax.runs.sinks import Values
 from hitmdp_jax.runs.sinks.tensorboard import write_pictures
 
@@ -126,18 +125,17 @@ class Videos:
 
     def __init__(self, config: RunConfig, run_dir: Path):
         self.every = config.video_every
-        self._run_dir = run_dir
+        self._settings, self._run_dir = config.to_yaml(), run_dir
         self._process: subprocess.Popen[bytes] | None = None
         self._copy = tempfile.TemporaryDirectory(prefix="hitmdp_jax_")
 
-    def __call__(self, run: Run, progress: Progress) -> Values:
+    def __call__(self, progress: Progress, env_steps: int) -> Values:
         """Start a video, and return no metric."""
-        env_steps = run.config.steps_after(progress.iteration)
         if self._at_work():
             warn(f"no video of {env_steps:,} env steps: the one before is not finished")
             return {}
         try:
-            self._start(run, progress, env_steps)
+            self._start(progress, env_steps)
         except OSError as error:  # a full disk ends no training
             warn(f"no video of {env_steps:,} env steps: {error}")
         return {}
@@ -153,13 +151,13 @@ class Videos:
             self._process.wait()
         self._copy.cleanup()
 
-    def _start(self, run: Run, progress: Progress, env_steps: int) -> None:
+    def _start(self, progress: Progress, env_steps: int) -> None:
         self._copy.cleanup()
         self._copy = tempfile.TemporaryDirectory(prefix="hitmdp_jax_")
         copy = Path(self._copy.name)
-        write(copy / CONFIG, run.config.to_yaml())
+        write(copy / CONFIG, self._settings)
         checkpoints = Checkpoints(copy)
-        checkpoints.save(run.saved(progress))
+        checkpoints.save(progress)
         checkpoints.close()
         out = subfolder(self._run_dir, VIDEOS) / f"{env_steps}.mp4"
         command = [sys.executable, "-m", "hitmdp_jax", "video", str(copy), "--out", str(out)]

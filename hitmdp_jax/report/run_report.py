@@ -98,7 +98,7 @@ class RunReport:
         """Say what was run, with what, and how it ended."""
         config, metrics = self.config, self.metrics
         trainings, steps = len(config.trainings), int(metrics["env_steps"].max())
-        done = f"{steps:,} of {config.env_steps:,}"
+        done = f"{steps:,} of {config.schedule.env_steps:,}"
         done += f", of each of {trainings} trainings" if trainings > 1 else ""
         if config.sweep:
             done += f": {config.seeds} seeds of each of {len(config.settings)} settings"

@@ -22,6 +22,7 @@ from hitmdp_jax.runs.folder import (
     remove_leftovers,
     write,
 )
+from hitmdp_jax.runs.schedule import Schedule
 
 RUNS = Path("runs")
 
@@ -108,10 +109,10 @@ def locked(run_dir: Path) -> Iterator[None]:
         yield
 
 
-def is_finished(run_dir: Path, config: RunConfig) -> bool:
+def is_finished(run_dir: Path, schedule: Schedule) -> bool:
     """Return whether a run has saved its last iteration, in a checkpoint that can be read."""
     newest = max(saved_iterations(run_dir), default=0)
-    if newest < config.last_iteration:
+    if newest < schedule.last_iteration:
         return False
     with contextlib.closing(Checkpoints(run_dir, read_only=True)) as checkpoints:
         return checkpoints.is_whole(newest)

@@ -22,19 +22,14 @@ from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.physics import find_engine
 from hitmdp_jax.reading import read_yaml
 from hitmdp_jax.runs.folder import CONFIG
-from hitmdp_jax.training.program import check_sizes, num_iterations, usual_pool_size
+from hitmdp_jax.runs.schedule import Schedule
+from hitmdp_jax.training.program import check_sizes, usual_pool_size
 from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
 
 if TYPE_CHECKING:
     from brax.envs.base import Env
 
 SCHEMA = 3  # of config.yaml; raised where an older package would misread it
-# What hyperparameters stood for that a schema did not have yet, where that is not their default.
-BEFORE = {
-    2: {"mopg": {"option_scale": 1.0, "switching_cost": 0.0, "usage_weight": 0.0}},
-    3: {name: {"target_kl": math.inf, "value_decay": 0.0} for name in ("mopg", "ppo")},
-}
-REPORT_STEPS = 2048
 REWARD = 4  # bytes of one, the least that a task's state holds
 SMALLEST = Spec(Observation((1,)), Box.unlimited(1))  # the least that a task may be
 WHOLE = {  # name -> the least value
@@ -246,42 +241,21 @@ class RunConfig:
         """What is trained on what."""
         return f"{plugins.label(self.algo['name'])} on {self.task_title}"
 
+    @functools.cached_property
+    def schedule(self) -> Schedule:
+        """How far the run goes, and what falls due after which iteration."""
+        steps = self.num_envs * self.rollout_length * self.action_repeat
+        return Schedule(self.total_steps, steps, self.checkpoint_steps, len(self.tasks))
+
     @property
     def switch_at(self) -> int | None:
         """Environment steps of each seed after which a transfer goes on to its second task."""
-        return None if self.second_env is None else self.iterations * self.steps_per_iteration
+        return self.schedule.switch_at
 
     @property
     def action_repeat(self) -> int:
         """Control steps that each action is held for; all of them count as environment steps."""
         return (self.env or {}).get("action_repeat", 1)
-
-    @property
-    def iterations_per_report(self) -> int:
-        """Iterations between two reports: one, or as many as make up 2048 environment steps."""
-        return max(1, REPORT_STEPS // self.steps_per_iteration)
-
-    @property
-    def iterations(self) -> int:
-        """Iterations spent on each task, a whole number of reports."""
-        sizes = self.num_envs, self.rollout_length, self.action_repeat
-        needed = num_iterations(self.total_steps, *sizes)
-        return -(-needed // self.iterations_per_report) * self.iterations_per_report
-
-    @property
-    def last_iteration(self) -> int:
-        """Iterations of the whole run, all its tasks."""
-        return self.iterations * len(self.tasks)
-
-    @property
-    def steps_per_iteration(self) -> int:
-        """Environment steps of one seed in one iteration."""
-        return self.num_envs * self.rollout_length * self.action_repeat
-
-    @property
-    def env_steps(self) -> int:
-        """Environment steps of one seed in the whole run."""
-        return self.steps_after(self.last_iteration)
 
     def task_at(self, iteration: int) -> Task:
         """Return the task that the iteration of that number, from 1, is on.
@@ -293,20 +267,7 @@ class RunConfig:
         """
         if not self.tasks:
             raise UsageError("The run was saved from Python and names no task.")
-        return self.tasks[self.task_number(iteration)]
-
-    def task_number(self, iteration: int) -> int:
-        """Return the place, from 0, of the task of `task_at`; 0 where the run names none."""
-        return min(max(iteration - 1, 0) // self.iterations, max(len(self.tasks) - 1, 0))
-
-    def steps_after(self, iteration: int) -> int:
-        """Return the environment steps of one seed after so many iterations."""
-        return iteration * self.steps_per_iteration
-
-    def iterations_in(self, env_steps: int) -> int:
-        """Return the iterations in so many environment steps of a seed: whole reports, not none."""
-        per_report = self.iterations_per_report
-        return max(1, env_steps // (self.steps_per_iteration * per_report)) * per_report
+        return self.tasks[self.schedule.task_at(iteration)]
 
     def differences(self, other: "RunConfig") -> list[str]:
         """Return what would make the two runs' results differ: `name: here, there`, a line each."""
@@ -353,18 +314,13 @@ class RunConfig:
         settings = read_yaml(path)
         if not isinstance(settings, dict):
             raise UsageError(f"'{path}' cannot be read: it does not hold a run's settings.")
-        schema = settings.pop("schema", 0)
-        if not isinstance(schema, int) or schema > SCHEMA:
+        schema = settings.pop("schema", SCHEMA)
+        if schema != SCHEMA:
+            age = "an older" if isinstance(schema, int) and schema < SCHEMA else "a newer"
             raise UsageError(
-                f"'{path}' was written by a newer hitmdp_jax (schema {schema}; this one reads up "
-                f"to {SCHEMA}): upgrade to read it."
+                f"'{path}' was written by {age} hitmdp_jax (schema {schema}), which this one, of "
+                f"schema {SCHEMA}, cannot read."
             )
-        algo = settings.get("algo")
-        if isinstance(algo, dict):
-            for added, values in BEFORE.items():
-                if schema < added:
-                    algo = values.get(str(algo.get("name")), {}) | algo
-            settings["algo"] = algo
         try:
             if trust:
                 trust_named(settings)

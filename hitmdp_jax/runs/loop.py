@@ -1,15 +1,12 @@
 """One run from settings to files: the host's side of training."""
 
 import dataclasses
-import time
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import jax
-import numpy as np
 
 from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.metrics import Metrics
@@ -21,35 +18,13 @@ from hitmdp_jax.runs.claim import locked
 from hitmdp_jax.runs.folder import CONFIG, write
 from hitmdp_jax.runs.interrupt import StopRequest
 from hitmdp_jax.runs.provenance import note_versions
+from hitmdp_jax.runs.reporter import Hook, Reporter
 from hitmdp_jax.runs.run import Run
-from hitmdp_jax.runs.sinks import Sinks, Values, open_sinks
+from hitmdp_jax.runs.schedule import Schedule
+from hitmdp_jax.runs.sinks import Sinks, open_sinks
 from hitmdp_jax.runs.sinks.terminal import TerminalSink
 from hitmdp_jax.training.program import CAUSES, Iterate, TrainState
 from hitmdp_jax.training.sweep import Training
-
-SPEED_WINDOW = 11  # reports whose times make up the speed shown
-
-
-class Hook(Protocol):
-    """Something to do every so often with what was learned so far: an evaluation, a video."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The metrics that it adds to the report."""
-        ...
-
-    @property
-    def every(self) -> int:
-        """Environment steps of a seed between two calls."""
-        ...
-
-    def __call__(self, run: Run, progress: Progress) -> Values:
-        """Return metrics [S] by name."""
-        ...
-
-    def close(self, stop: StopRequest) -> None:
-        """End what is under way: the run has ended, early if `stop` was requested."""
-        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +52,6 @@ def run(run: Run, run_dir: Path, *, resume: bool = False, hooks: Sequence[Hook] 
       resume: continue from the folder's newest checkpoint.
       hooks: what else to do every so often.
     """
-    config = run.config
     with ExitStack() as stack:
         writes = processes.is_first()
         processes.told(lambda: stack.enter_context(locked(run_dir)))
@@ -88,30 +62,35 @@ def run(run: Run, run_dir: Path, *, resume: bool = False, hooks: Sequence[Hook] 
         stack.callback(checkpoints.close)
         agreement = processes.Agreement(stop, checkpoints.due, run.mesh)
         progress = run.restore(checkpoints) if resume else Progress(0, 0, None)
-        done = config.steps_after(progress.iteration)
-        terminal = TerminalSink(config.env_steps, config.trainings, done, quiet=not writes)
+        schedule, trainings = run.schedule, run.trainings
+        done = schedule.steps_after(progress.iteration)
+        terminal = TerminalSink(schedule.env_steps, trainings, done, quiet=not writes)
         sinks = Sinks(terminal)
         if writes:
-            write(run_dir / CONFIG, config.to_yaml())
+            write(run_dir / CONFIG, run.config.to_yaml())
             note_versions(run_dir)
-            sinks = Sinks(*open_sinks(config, run_dir, progress.iteration), terminal)
+            sinks = Sinks(*open_sinks(run.config, run_dir, progress.iteration), terminal)
         stack.callback(sinks.close)
         terminal.message(title(run))
-        reporter = Reporter(run, sinks, hooks)
+        reporter = Reporter(schedule, len(trainings), sinks, hooks, run.saved)
+
+        def save() -> None:
+            checkpoints.save(run.saved(progress), reporter.recent_return)
+
         for task in range(progress.task, len(run.envs)):
             with terminal.compiling():
                 step = stop.wait_for(lambda: prepare(run, task, progress))  # noqa: B023
             try:
-                iterate(run, progress, step, agreement, reporter, checkpoints)
+                iterate(schedule, progress, step, agreement, reporter, save)
             except BaseException:  # an error in a report must not cost what was learned
                 if not processes.several():  # of which one alone has a part
-                    checkpoints.save(run.saved(progress), reporter.recent_return)
+                    save()
                 raise
-            checkpoints.save(run.saved(progress), reporter.recent_return)
+            save()
             if agreement.signum:
                 break
         checkpoints.close()
-        return outcome(run, progress, agreement.signum, checkpoints)
+        return outcome(run, progress, agreement.signum, checkpoints.failure)
 
 
 def prepare(run: Run, task: int, progress: Progress) -> Iterate:
@@ -134,102 +113,53 @@ def prepare(run: Run, task: int, progress: Progress) -> Iterate:
 
 
 def iterate(
-    run: Run,
+    schedule: Schedule,
     progress: Progress,
     step: Iterate,
     agreement: processes.Agreement,
-    reporter: "Reporter",
-    checkpoints: Checkpoints,
+    reporter: Reporter,
+    save: Callable[[], None],
 ) -> None:
-    """Train on a task to its end, or until all agree to stop."""
-    config = run.config
-    reporter.recent_return = float("nan")  # what the task before returned is no measure of this one
-    last = (progress.task + 1) * config.iterations
+    """Train on a task to its end, or until all agree to stop.
+
+    Args:
+      schedule: of the run.
+      progress: where the run stands, which moves on.
+      step: iterations of one report.
+      agreement: of all processes, to stop or to save.
+      reporter: takes each report.
+      save: writes a checkpoint.
+    """
+    last = (progress.task + 1) * schedule.iterations
     reporter.begin()
-    per_checkpoint = config.iterations_in(config.checkpoint_steps)
     while progress.iteration < last and not agreement.signum:
         assert progress.state is not None
         progress.state, metrics = step(progress.state)
-        progress.iteration += config.iterations_per_report
+        progress.iteration += schedule.iterations_per_report
         agreement.ask()
         reporter.take(progress, metrics)
-        if progress.iteration % per_checkpoint == 0 or agreement.save:
+        if schedule.saves(progress.iteration) or agreement.save:
             reporter.flush()  # first the row, then the checkpoint that says it is there
             reporter.sinks.flush()
-            checkpoints.save(run.saved(progress), reporter.recent_return)
+            save()
     reporter.flush()
 
 
-class Reporter:
-    """Hands each report's metrics to the sinks, one report behind the device.
-
-    Args:
-      run: the run.
-      sinks: where the metrics go.
-      hooks: called when they are due; their metrics stand in the same report.
-    """
-
-    def __init__(self, run: Run, sinks: Sinks, hooks: Sequence[Hook]):
-        self._run, self.sinks, self._hooks = run, sinks, hooks
-        self._pending: tuple[int, dict[str, Any]] | None = None
-        # When the last reports ended. Single ones come in bunches where the device runs ahead; a
-        # window's speed is steady.
-        self._times: deque[float] = deque(maxlen=SPEED_WINDOW)
-        self.recent_return = float("nan")  # the mean over seeds, of the last report
-
-    def begin(self) -> None:
-        """Begin with a program: its speed is known from its second report on.
-
-        In the first one's time it is compiled and warms up.
-        """
-        self._times.clear()
-
-    def take(self, progress: Progress, metrics: Metrics) -> None:
-        """Keep a report back until the next one is under way; report the one before."""
-        self.flush()
-        config = self._run.config
-        extra: Values = {}
-        for hook in self._hooks:
-            extra |= dict.fromkeys(hook.names, np.full(len(config.trainings), np.nan))
-            if progress.iteration % config.iterations_in(hook.every) == 0:
-                learned = self._run.saved(progress)  # which takes all processes
-                if processes.is_first():
-                    extra |= hook(self._run, learned)
-        self._pending = progress.iteration, metrics | extra
-
-    def flush(self) -> None:
-        """Report what was kept back."""
-        if self._pending is None:
-            return
-        (iteration, metrics), self._pending = self._pending, None
-        config = self._run.config
-        size = len(config.trainings)  # without what `place` repeated
-        values = {name: np.asarray(x)[:size] for name, x in metrics.items()}  # waits for the device
-        self._times.append(time.perf_counter())
-        steps = config.steps_per_iteration * config.iterations_per_report
-        since_first = self._times[-1] - self._times[0]
-        speed = steps * (len(self._times) - 1) / since_first if since_first else np.nan
-        values["steps_per_second"] = np.full(size, speed)
-        known = values["recent_return"][~np.isnan(values["recent_return"])]
-        self.recent_return = float(known.mean()) if known.size else float("nan")
-        self.sinks.write(iteration, config.steps_after(iteration), values)
-
-
-def outcome(run: Run, progress: Progress, signum: int | None, checkpoints: Checkpoints) -> Outcome:
-    """Return how the run ended."""
-    state, config = run.saved(progress).state, run.config
-    assert isinstance(state, TrainState)
+def outcome(run: Run, progress: Progress, signum: int | None, failure: str | None) -> Outcome:
+    """Return how the run ended; `failure` is why its last state is not saved."""
+    state = run.saved(progress).state
+    assert state is not None
     at, cause = jax.device_get((state.diverged, state.cause))
     return Outcome(
-        env_steps=config.steps_after(progress.iteration),
-        finished=progress.iteration >= config.last_iteration,
+        env_steps=run.schedule.steps_after(progress.iteration),
+        finished=progress.iteration >= run.schedule.last_iteration,
         signum=signum,
         diverged={
             training: (int(at[i]), CAUSES[int(cause[i])])
-            for i, training in enumerate(config.trainings)
+            for i, training in enumerate(run.trainings)
             if at[i]
         },
-        failure=checkpoints.failure,
+        failure=failure,
     )
 
 

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import inspect
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from hitmdp_jax.runs.claim import claim
 from hitmdp_jax.runs.config import RunConfig, trust_named
 from hitmdp_jax.runs.folder import LOCK
 from hitmdp_jax.training.program import TrainState
-from hitmdp_jax.training.sweep import PREFIX
+from hitmdp_jax.training.sweep import PREFIX, Training
 
 
 class Policy(struct.PyTreeNode):
@@ -113,18 +114,20 @@ def load(
     """
     run_dir = _folder(run_dir)
     config = RunConfig.load(run_dir, trust)
-    (place, *_) = places(config, config.seed if seed is None else seed, setting)
+    (place, *_) = places(config.trainings, config.seed if seed is None else seed, setting)
     _, everyone = load_all(run_dir, checkpoint, task)
     return everyone.of(place)
 
 
-def places(config: RunConfig, seed: int | None = None, setting: int | None = None) -> list[int]:
-    """Return the places of a run's trainings of a seed and a setting; None takes all.
+def places(
+    trainings: Sequence[Training], seed: int | None = None, setting: int | None = None
+) -> list[int]:
+    """Return the places of those of a run's trainings of a seed and a setting; None takes all.
 
     Raises:
       UsageError: the run has no such seed or setting.
     """
-    seeds, settings = {t.seed for t in config.trainings}, range(len(config.settings))
+    seeds, settings = ({getattr(t, name) for t in trainings} for name in ("seed", "setting"))
     for name, wanted, there in (("seed", seed, seeds), ("setting", setting, settings)):
         if wanted is not None and (not isinstance(wanted, int) or wanted not in there):
             raise UsageError(
@@ -132,7 +135,7 @@ def places(config: RunConfig, seed: int | None = None, setting: int | None = Non
             )
     return [
         i
-        for i, training in enumerate(config.trainings)
+        for i, training in enumerate(trainings)
         if seed in (None, training.seed) and setting in (None, training.setting)
     ]
 
@@ -249,7 +252,7 @@ def extract(
       UsageError: as `load`; or the folder holds a run or cannot be written.
     """
     config = RunConfig.load(_folder(run_dir), trust)
-    (place, *_) = places(config, config.seed if seed is None else seed, setting)
+    (place, *_) = places(config.trainings, config.seed if seed is None else seed, setting)
     iteration, everyone = load_all(run_dir, checkpoint, task)
     training = config.trainings[place]
     swept = {name.removeprefix(PREFIX): x for name, x in training.swept.items()}
@@ -258,7 +261,7 @@ def extract(
     learned = {"params": everyone.params, **dataclasses.asdict(everyone.normalizer)}
     checkpoints = Checkpoints(claim(_folder(folder), own))
     mine = jax.tree.map(lambda x: x[place : place + 1], learned)
-    checkpoints.save_policy(iteration, config.task_number(iteration), mine, everyone.spec)
+    checkpoints.save_policy(iteration, config.schedule.task_at(iteration), mine, everyone.spec)
     checkpoints.close()
     if checkpoints.failure:
         raise UsageError(f"'{folder}' cannot be written: {checkpoints.failure}")

@@ -18,6 +18,7 @@ from hitmdp_jax.runs import processes
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress, with_raw_keys
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.devices import at_once, make_mesh, memory_of, place, spread
+from hitmdp_jax.runs.schedule import Schedule
 from hitmdp_jax.training.program import (
     Hyperparameters,
     Init,
@@ -27,6 +28,7 @@ from hitmdp_jax.training.program import (
     repeat,
     transfer,
 )
+from hitmdp_jax.training.sweep import Training
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,16 +48,26 @@ class Run:
           UsageError: the devices here cannot be shared out as the settings say, or do not have the
             memory, or as `make_train`.
         """
-        mesh = make_mesh(len(config.trainings), config.data_devices)
+        size = len(config.trainings)
+        mesh = make_mesh(size, config.data_devices)
         here = sum(d.process_index == jax.process_index() for d in mesh.devices.flat)
         engine = find_engine(config.physics).shared(here)
         envs = [make_env(**task, physics=engine) for task in config.tasks]
         run = cls(config, config.make_agent(), mesh, envs)
         run.program(0)  # which says what cannot be trained, before a folder is made
-        together = at_once(len(config.trainings), mesh)
         for env in envs:
-            config.check_memory(env, together, memory_of(mesh))
+            config.check_memory(env, at_once(size, mesh), memory_of(mesh))
         return run
+
+    @property
+    def trainings(self) -> list[Training]:
+        """What each row of the run's arrays [R, ...] belongs to."""
+        return self.config.trainings
+
+    @property
+    def schedule(self) -> Schedule:
+        """How far the run goes, and what falls due after which iteration."""
+        return self.config.schedule
 
     def program(self, task: int) -> tuple[Init, Iterate]:
         """Return init and step of one training on a task; a step is one report's iterations."""
@@ -70,11 +82,11 @@ class Run:
         init, step = make_train(
             self.agent,
             env,
-            num_steps=config.env_steps,
+            num_steps=self.schedule.env_steps,
             num_envs=config.num_envs,
             rollout_length=config.rollout_length,
         )
-        return init, repeat(step, config.iterations_per_report)
+        return init, repeat(step, self.schedule.iterations_per_report)
 
     def programs(self, task: int) -> tuple[Init, Iterate]:
         """Return init and step of all trainings on a task, ready to compile."""
@@ -82,7 +94,7 @@ class Run:
 
     def keys(self) -> jax.Array:
         """Return the trainings' keys [R]: a seed's is the same alone, in company and in a sweep."""
-        seeds = [training.seed for training in self.config.trainings]
+        seeds = [training.seed for training in self.trainings]
         return jax.vmap(jax.random.key)(jnp.array(seeds, jnp.uint32))
 
     def hyperparameters(self) -> Hyperparameters:
@@ -90,7 +102,7 @@ class Run:
 
         They are the program's inputs rather than part of it: another value compiles nothing anew.
         """
-        size = len(self.config.trainings)
+        size = len(self.trainings)
         own = {k: jnp.full(size, x, jnp.float32) for k, x in self.agent.traced_values().items()}
         return own | jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), self.config.swept)
 
@@ -137,7 +149,7 @@ class Run:
 
     def own(self, tree: Any) -> Any:
         """Return the arrays [R, ...] of the run's trainings, without what `place` repeated."""
-        size = len(self.config.trainings)
+        size = len(self.trainings)
         return jax.tree.map(lambda x: x if len(x) == size else x[:size], tree)
 
     def saved(self, progress: Progress) -> Progress:

@@ -50,7 +50,7 @@ def workspace(tmp_path_factory):
 
     def run(name, text=None, **changes):
         (folder / name).mkdir(parents=True)
-        text = text or yaml.safe_dump({"schema": 1} | settings | changes)
+        text = text or yaml.safe_dump({"schema": 3} | settings | changes)
         (folder / name / "config.yaml").write_bytes(text.encode("latin-1"))
 
     def with_checkpoint(name, **changes):

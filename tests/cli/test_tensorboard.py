@@ -8,12 +8,9 @@ from tests.figures.test_curves import write_run
 
 
 def hook(folder):
-    config = types.SimpleNamespace(
-        checkpoint_steps=5, title="a run", steps_after=lambda i: 10 * i, switch_at=None
-    )
+    config = types.SimpleNamespace(checkpoint_steps=5, title="a run", switch_at=None)
     figures = OptionFigures(config, folder)  # type: ignore
-    run = types.SimpleNamespace(config=config)
-    return lambda iteration: figures(run, Progress(iteration, 0, None))  # type: ignore
+    return lambda iteration: figures(Progress(iteration, 0, None), 10 * iteration)
 
 
 def test_option_usage_and_durations_are_shown_as_the_run_goes_on(tmp_path):

@@ -65,14 +65,11 @@ class Films:
         monkeypatch.setattr(video.subprocess, "Popen", begin)
         nothing = types.SimpleNamespace(save=lambda progress: None, close=lambda: None)
         monkeypatch.setattr(video, "Checkpoints", lambda folder: nothing)
-        config = types.SimpleNamespace(
-            video_every=1, steps_after=lambda i: 10 * i, to_yaml=lambda: ""
-        )
-        self.run = types.SimpleNamespace(config=config, saved=lambda progress: progress)
+        config = types.SimpleNamespace(video_every=1, to_yaml=lambda: "")
         self.videos = Videos(config, folder)  # type: ignore
 
     def due(self, iteration):
-        assert self.videos(self.run, Progress(iteration, 0, None)) == {}  # type: ignore
+        assert self.videos(Progress(iteration, 0, None), 10 * iteration) == {}
 
     def close(self, requested=False):
         self.videos.close(types.SimpleNamespace(requested=requested))  # type: ignore

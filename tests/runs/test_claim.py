@@ -108,14 +108,14 @@ def test_another_runs_folder_is_not_taken_for_ones_own(tmp_path):
     assert not already_there(tmp_path, CONFIG)
     claim(tmp_path, CONFIG)
     assert already_there(tmp_path, CONFIG)
-    assert not is_finished(tmp_path, CONFIG)
+    assert not is_finished(tmp_path, CONFIG.schedule)
     for iteration, finished in ((1, False), (2, True)):
         checkpoints = Checkpoints(tmp_path)
         checkpoints.save_policy(iteration, 0, {"mean": jnp.zeros((1, 3))}, spec_of_sizes(3, 1))
         checkpoints.close()
-        assert is_finished(tmp_path, CONFIG) == finished
+        assert is_finished(tmp_path, CONFIG.schedule) == finished
     (tmp_path / "checkpoints" / "2" / "progress" / "metadata").write_text("")
-    assert not is_finished(tmp_path, CONFIG)
+    assert not is_finished(tmp_path, CONFIG.schedule)
     other = RunConfig(algo={"name": "ppo", "gamma": 0.9}, env={"name": "halfcheetah"}, seeds=2)
     with pytest.raises(UsageError, match=r"algo.gamma: 0.9 here, None there; seeds: 2 here, 1 the"):
         already_there(tmp_path, other)

@@ -1,5 +1,4 @@
 import dataclasses
-import math
 from pathlib import Path
 
 import pytest
@@ -70,7 +69,7 @@ def test_a_transfer_has_relu_bodies_and_switches_after_total_steps(algo):
 
 def test_every_iteration_of_a_transfer_has_its_task():
     config = Settings(["experiment=transfer", "pair=fish", "total_steps=10_000"]).config()
-    names = [config.task_at(i)["name"] for i in range(1, config.last_iteration + 1)]
+    names = [config.task_at(i)["name"] for i in range(1, config.schedule.last_iteration + 1)]
     assert names == ["dmc/fish_upright"] * 5 + ["dmc/fish_downleft"] * 5
     assert config.task_at(0) == config.env
 
@@ -93,7 +92,7 @@ def test_settings_survive_saving(tmp_path):
     (tmp_path / "config.yaml").write_text(config.to_yaml())
     assert RunConfig.load(tmp_path) == config
     assert config.total_steps == 1_000_000
-    assert config.iterations == 489
+    assert config.schedule.iterations == 489
 
 
 @pytest.mark.parametrize(
@@ -142,25 +141,11 @@ def test_a_run_of_an_older_version_takes_the_defaults(tmp_path):
     assert config.num_envs == 16
 
 
-def test_options_of_a_run_of_schema_1_are_read_as_it_read_them(tmp_path):
-    content = "algo: {name: mopg, switching_cost: 0.5}\nenv: {name: halfcheetah}\n"
-    (tmp_path / "config.yaml").write_text(content)
-    agent = RunConfig.load(tmp_path).make_agent()
-    assert (agent.option_scale, agent.switching_cost, agent.usage_weight) == (1.0, 0.5, 0.0)
-
-
-@pytest.mark.parametrize(("schema", "expected"), [(2, (math.inf, 0.0)), (3, (0.02, 0.03))])
-def test_steps_of_a_run_of_schema_2_are_as_large_as_they_were(tmp_path, schema, expected):
-    content = f"schema: {schema}\nalgo: {{name: ppo}}\nenv: {{name: halfcheetah}}\n"
-    (tmp_path / "config.yaml").write_text(content)
-    agent = RunConfig.load(tmp_path).make_agent()
-    assert (agent.target_kl, agent.value_decay) == expected
-
-
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
         ("schema: 99\nalgo: {name: ppo}\n", "written by a newer hitmdp_jax (schema 99"),
+        ("schema: 2\nalgo: {name: ppo}\n", "written by an older hitmdp_jax (schema 2), which"),
         ("schema: x\nalgo: {name: ppo}\n", "written by a newer hitmdp_jax"),
         ("", "does not hold a run's settings"),
         ("- a\n- list\n", "does not hold a run's settings"),
@@ -188,8 +173,9 @@ def test_differences_are_named_and_those_beside_the_point_are_not():
 def test_held_actions_count_as_many_environment_steps():
     env = {"name": "halfcheetah", "action_repeat": 4}
     config = RunConfig.from_mapping(SETTINGS | {"env": env, "total_steps": 100_000})
-    assert config.steps_per_iteration == 4 * config.num_envs * config.rollout_length
-    assert 0 <= config.env_steps - 100_000 < config.steps_per_iteration
+    schedule = config.schedule
+    assert schedule.steps_per_iteration == 4 * config.num_envs * config.rollout_length
+    assert 0 <= schedule.env_steps - 100_000 < schedule.steps_per_iteration
     with pytest.raises(UsageError, match="must have the same action_repeat"):
         RunConfig.from_mapping(SETTINGS | {"env": env, "second_env": {"name": "hopper"}})
 

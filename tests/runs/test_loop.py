@@ -1,7 +1,6 @@
 """The host's side of training: what it reports, when it stops and what it saves."""
 
 import csv
-import dataclasses
 import os
 import signal
 import types
@@ -12,14 +11,16 @@ import numpy as np
 import pytest
 
 from hitmdp_jax.runs import loop, processes
+from hitmdp_jax.runs import reporter as reporting
 from hitmdp_jax.runs.checkpoint import Progress, saved_iterations
 from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.reporter import Reporter
 from hitmdp_jax.runs.run import Run
 from hitmdp_jax.runs.sinks import CsvSink, Sinks
 from tests.probes import QUICK
 
 CONFIG = RunConfig.from_mapping(QUICK | {"seed": 3, "total_steps": 4 * 2048})
-TWO_SEEDS = dataclasses.replace(CONFIG, seeds=2)
+SCHEDULE = CONFIG.schedule
 
 
 class Recorder:
@@ -45,14 +46,15 @@ class Every:
 
     names = ("calls",)
 
-    def __init__(self, every, action=lambda progress: None):
-        self.every, self.action, self.seen = every, action, []
+    def __init__(self, every, action=lambda progress: None, seeds=1):
+        self.every, self.action, self.seeds, self.seen = every, action, seeds, []
         self.closed = []  # whether the run ended early, once it has ended
 
-    def __call__(self, run, progress):
+    def __call__(self, progress, env_steps):
+        assert env_steps == 2048 * progress.iteration
         self.action(progress)
         self.seen.append(progress.iteration)
-        return {"calls": np.full(run.config.seeds, float(len(self.seen)))}
+        return {"calls": np.full(self.seeds, float(len(self.seen)))}
 
     def close(self, stop):
         self.closed.append(stop.requested)
@@ -68,8 +70,7 @@ def reporter(sink):
     """A reporter on its own, and the means to hand it the reports of iterations 1, 2, ..."""
 
     def make(*hooks):
-        run = types.SimpleNamespace(config=TWO_SEEDS, saved=lambda x: x)
-        made = loop.Reporter(run, Sinks(sink), hooks)  # type: ignore
+        made = Reporter(SCHEDULE, 2, Sinks(sink), hooks, lambda progress: progress)
         return made, lambda i, **metrics: made.take(Progress(i, 0, None), report(**metrics))
 
     return make
@@ -91,20 +92,20 @@ def test_a_report_is_written_once_the_next_one_is_under_way(reporter, sink):
 
 
 def test_hooks_are_called_when_due_and_stand_in_the_same_row(reporter, sink):
-    hook = Every(2 * 2048)
+    hook = Every(2 * 2048, seeds=2)
     made, take = reporter(hook)
     for i in range(1, 6):
         take(i)
     made.flush()
     assert hook.seen == [2, 4]
     calls = np.array([sink.rows[i]["calls"] for i in range(1, 6)])
-    np.testing.assert_array_equal(calls.T, [[np.nan, 1, np.nan, 2, np.nan]] * TWO_SEEDS.seeds)
+    np.testing.assert_array_equal(calls.T, [[np.nan, 1, np.nan, 2, np.nan]] * 2)
 
 
 def test_speed_is_that_of_the_last_reports(reporter, sink, monkeypatch):
     """Reports take a second each, but for the first of each program, in which it is compiled."""
     clock = iter([*np.arange(10.0, 15.0), *np.arange(100.0, 200.0)])
-    monkeypatch.setattr(loop.time, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(reporting.time, "perf_counter", lambda: next(clock))
     made, take = reporter()
     for i in range(1, 6):
         take(i)
@@ -209,14 +210,13 @@ def test_a_checkpoint_is_written_after_the_rows_before_it(prepared, reporter, si
     made, _ = reporter()
     saved = []
 
-    def save(progress, recent_return):
-        saved.append((progress.iteration, recent_return, list(sink.rows)))
+    def save():
+        saved.append((progress.iteration, made.recent_return, list(sink.rows)))
 
-    checkpoints = types.SimpleNamespace(save=save)
     progress, stop = Progress(0, 0, state), types.SimpleNamespace(signum=None)
     due, mesh = lambda: progress.iteration == 2, Run.create(CONFIG).mesh
     agreement = processes.Agreement(stop, due, mesh)  # type: ignore
-    loop.iterate(made._run, progress, step, agreement, made, checkpoints)  # type: ignore
+    loop.iterate(SCHEDULE, progress, step, agreement, made, save)
     assert progress.iteration == 4
     ((iteration, recent_return, rows),) = saved
     assert (iteration, rows) == (2, [1, 2, "flushed"])

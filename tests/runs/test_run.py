@@ -122,7 +122,7 @@ def test_a_replay_is_written_in_place_and_kept_on_request(tmp_path):
         restored = run.restore(Checkpoints(tmp_path / str(kept), read_only=True))
         prepare(run, 0, restored)
         sizes = [int(x) for x in restored.state.replay.size]
-        steps = run.config.steps_per_iteration * run.config.iterations_per_report
+        steps = run.schedule.steps_per_report
         assert sizes == [steps if kept else 0]
 
 
@@ -216,7 +216,7 @@ def test_the_abstract_state_has_the_shapes_of_the_real_one(run, inits, first, ta
 
 
 def test_a_report_spans_2048_steps(run):
-    assert run.config.iterations_per_report == 256
+    assert run.schedule.iterations_per_report == 256
     init, step = run.program(0)
     key = jax.random.key(0)
     state, metrics = jax.eval_shape(lambda key: step(init(key)), key)

@@ -22,7 +22,7 @@ FLUSH_INTERVAL = 5.0  # seconds; every flush waits for the disk
 
 def open_sink(config: RunConfig, run_dir: Path, resume_after: int) -> "TensorboardSink":
     """Return the sink of a run, which goes on after an iteration."""
-    return TensorboardSink(run_dir, config.trainings, config.steps_after(resume_after))
+    return TensorboardSink(run_dir, config.trainings, config.schedule.steps_after(resume_after))
 
 
 class TensorboardSink:

@@ -1,6 +1,7 @@
 """Weights & Biases: one run of theirs for the program, or one for each training."""
 
 import importlib.util
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ def open_sink(config: RunConfig, run_dir: Path, resume_after: int) -> "WandbSink
         return None
     if importlib.util.find_spec("wandb") is None:
         raise missing_extra("wandb", "wandb=program or wandb=seed")
-    return WandbSink(run_dir, config)
+    return WandbSink(run_dir, config.trainings, config.to_dict(), config.wandb == "seed")
 
 
 class WandbSink:
@@ -31,16 +32,23 @@ class WandbSink:
 
     Args:
       run_dir: the run's folder, whose name groups the runs.
-      config: the run's settings. `wandb` is "program" (means over seeds: one of theirs, in a sweep
-        one for each setting) or "seed" (one of theirs for each training).
+      trainings: what each row of the metrics belongs to.
+      settings: the run's, which are shown beside its curves.
+      by_seed: make one of theirs for each training. Otherwise it is one of means over seeds, or in
+        a sweep one for each setting.
     """
 
     name = "Weights & Biases"
 
-    def __init__(self, run_dir: Path, config: RunConfig):
+    def __init__(
+        self,
+        run_dir: Path,
+        trainings: Sequence[Training],
+        settings: Mapping[str, Any],
+        by_seed: bool,
+    ):
         import wandb
 
-        by_seed, trainings = config.wandb == "seed", config.trainings
         groups: dict[int, list[int]] = {}
         for i, training in enumerate(trainings):
             groups.setdefault(i if by_seed else training.setting, []).append(i)
@@ -48,20 +56,20 @@ class WandbSink:
         subfolder(folder, WANDB)  # theirs, so that they follow no link there
 
         def begin(training: Training) -> Any:
-            name, settings = folder.name, config.to_dict()
+            name, shown = folder.name, dict(settings)
             if training.swept:
                 name += f"-setting{training.setting}"
-                settings |= {"swept": training.swept}
+                shown |= {"swept": training.swept}
             if by_seed:
                 name += f"-seed{training.seed}"
-                settings |= {"seed": training.seed}
+                shown |= {"seed": training.seed}
             return wandb.init(
                 project="hitmdp_jax",
                 dir=str(folder),
                 name=name,
                 id=f"{folder.parent.parent.name}-{folder.parent.name}-{name}".replace("/", "-"),
                 group=folder.name,
-                config=settings,
+                config=shown,
                 resume="allow",
                 reinit="create_new",
                 settings=wandb.Settings(silent=True),

@@ -5,7 +5,7 @@ import pytest
 import wandb
 
 from hitmdp_jax.runs.config import RunConfig
-from hitmdp_jax.runs.sinks import WandbSink
+from hitmdp_jax.runs.sinks import wandb as wandb_sink
 
 METRICS = {"a_metric": np.array([1.0, np.nan]), "option_steps": np.array([[1.0, 2.0], [3.0, 4.0]])}
 
@@ -30,7 +30,7 @@ def test_metrics_are_logged_at_environment_steps(tmp_path, monkeypatch, mode, sw
         sweep=SWEEP if swept else None,
         wandb=mode,
     )
-    sink = WandbSink(run_dir, config)
+    sink = wandb_sink.open_sink(config, run_dir, 0)
     sink.write(1, 2048, METRICS)
     sink.close()
     wandb.teardown()  # waits until its background process has written everything
