@@ -1,0 +1,74 @@
+"""What a reader can copy out of the manual is understood: nothing is trained here."""
+
+import re
+import shlex
+
+import pytest
+
+from hitmdp_jax.agents import AGENTS
+from hitmdp_jax.agents.base import hyperparameters_of
+from hitmdp_jax.cli.settings import Settings
+from hitmdp_jax.envs import check_env
+from hitmdp_jax.envs.keywords import parameters_of
+from hitmdp_jax.envs.suites import suite_names
+from hitmdp_jax.errors import UsageError
+from tests.docs.pages import ROOT, commands, pages, spans
+from tests.docs.test_extending import FILES
+
+PAGES = pages()
+COMMANDS = sorted({command for page in PAGES.values() for command in commands(page)})
+TRAININGS = [
+    shlex.split(command, comments=True)[2:]
+    for command in COMMANDS
+    if command.startswith("python train.py") and "--help" not in command
+]
+NAMES = {f"algo.{x.name}" for agent in AGENTS.values() for x in hyperparameters_of(agent)}
+# What has the form of a setting and is one of Python's, of another command or of another program.
+OTHERS = {"checkpoint", "task", "tasks", "arms", "algos", "append", "embeddings"}
+OTHERS |= {"launcher", "xla_gpu_deterministic_ops"}
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path_factory, monkeypatch):
+    """Stand where the files are that the manual's commands name."""
+    monkeypatch.chdir(ROOT)
+
+
+@pytest.fixture(scope="module")
+def own_files(tmp_path_factory):
+    """The manual's own files, which its commands name as if they lay here."""
+    folder = tmp_path_factory.mktemp("own")
+    for name, code in FILES.items():
+        (folder / name.rpartition("/")[2]).write_text(code)
+    return folder
+
+
+@pytest.mark.parametrize("arguments", TRAININGS, ids=" ".join)
+def test_a_training_of_the_manual_can_be_run(arguments, own_files, monkeypatch):
+    if any("puck.py" in text for text in arguments):
+        monkeypatch.chdir(own_files)
+    several = "-m" in arguments
+    given = [text for text in arguments if text != "-m"]
+    try:
+        settings = Settings(given, several)
+        for job in settings.jobs():
+            settings.config(job)
+    except UsageError as error:
+        if "is not installed" not in str(error):  # a launcher, which is an extra
+            raise
+
+
+def test_the_manual_has_trainings():
+    assert len(TRAININGS) > 30
+
+
+def test_every_setting_that_the_manual_names_exists():
+    known = set(Settings([]).names([])) | set(Settings([]).groups) | NAMES | OTHERS
+    keywords = {name for task in suite_names() for name in parameters_of(check_env(task))}
+    known |= keywords | {f"env.{name}" for name in keywords}
+    known |= {"env.keyword", "env.friction"}  # which stand for any, and for one of a reader's own
+    for page, text in PAGES.items():
+        for span in spans(text):
+            named = [] if "(" in span else re.findall(r"(?<![\w.-])([a-z_]+(?:\.[a-z_]+)*)=", span)
+            named += re.findall(r"^((?:algo|env)\.[a-z_]+)$", span)
+            assert {x for x in named if not x.startswith("hydra")} <= known, (page, span)
