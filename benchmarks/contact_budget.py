@@ -19,8 +19,9 @@ from mujoco import mjx
 
 from benchmarks.solver_budget import States, sample_states
 from hitmdp_jax import list_envs, make_env
-from hitmdp_jax.envs.assets import ALL, CONTACTS
+from hitmdp_jax.envs.assets import ALL
 from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.physics.base import CONTACTS
 
 NUM_ENVS, SUBSTEPS, TURNS = 32, 8, 5
 

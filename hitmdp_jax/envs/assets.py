@@ -7,9 +7,9 @@ from pathlib import Path
 import mujoco
 
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.physics.base import CONTACTS
 
 GYMNASIUM_ASSETS = ("gymnasium", "envs/mujoco/assets")
-CONTACTS = "max_contact_points"  # the number in which a model tells MJX how many it may solve for
 ALL = -1.0
 
 

@@ -15,6 +15,7 @@ from hitmdp_jax.errors import UsageError
 
 # MuJoCo calls a simulation unstable when a coordinate, velocity or acceleration exceeds this.
 MAX_VALUE = float(mujoco.mjMAXVAL)
+CONTACTS = "max_contact_points"  # the number in which a model tells MJX how many it may solve for
 
 
 class SolverBudget(NamedTuple):

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import mujoco
 from mujoco import mjx
 
-from hitmdp_jax.envs.assets import CONTACTS
 from hitmdp_jax.physics.base import (
+    CONTACTS,
     Engine,
     Physics,
     PhysicsState,

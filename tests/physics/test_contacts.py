@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import hitmdp_jax
-from hitmdp_jax.envs.assets import CONTACTS
 from hitmdp_jax.physics import MjxEngine
+from hitmdp_jax.physics.base import CONTACTS
 
 TASKS = ("halfcheetah", "ant", "humanoid", "humanoidstandup", "dmc/cheetah_run")
 

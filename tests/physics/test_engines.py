@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hitmdp_jax import make_env
-from hitmdp_jax.envs.assets import CONTACTS, load_gymnasium_model
+from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.machine import available_cores
@@ -21,6 +21,7 @@ from hitmdp_jax.physics import (
     find_engine,
     speed,
 )
+from hitmdp_jax.physics.base import CONTACTS
 
 BUDGET = SolverBudget(iterations=3, ls_iterations=2, contacts=12)
 NEWTON, PGS = int(mujoco.mjtSolver.mjSOL_NEWTON), int(mujoco.mjtSolver.mjSOL_PGS)
