@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from hitmdp_jax.envs.spec import Spec, spec_of
     from hitmdp_jax.errors import UsageError
     from hitmdp_jax.runs.policy import Policy, load, save
-    from hitmdp_jax.training.program import TrainState, make_train, train
+    from hitmdp_jax.training.program import make_train, train
+    from hitmdp_jax.training.state import TrainState
     from hitmdp_jax.version import __version__
 
 __all__ = [
@@ -39,6 +40,7 @@ __getattr__, __dir__ = lazy.attach(
         **dict.fromkeys(("list_envs", "make_env", "register_env"), "envs"),
         **dict.fromkeys(("Spec", "spec_of"), "envs.spec"),
         **dict.fromkeys(("Policy", "load", "save"), "runs.policy"),
-        **dict.fromkeys(("TrainState", "make_train", "train"), "training.program"),
+        **dict.fromkeys(("make_train", "train"), "training.program"),
+        "TrainState": "training.state",
     },
 )

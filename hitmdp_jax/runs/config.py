@@ -23,7 +23,7 @@ from hitmdp_jax.physics import find_engine
 from hitmdp_jax.reading import read_yaml
 from hitmdp_jax.runs.folder import CONFIG
 from hitmdp_jax.runs.schedule import Schedule
-from hitmdp_jax.training.program import check_sizes, usual_pool_size
+from hitmdp_jax.training.sizes import check_sizes, usual_pool_size
 from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.mesh import DATA, TRIAL
 from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.runs import processes
-from hitmdp_jax.training.program import Hyperparameters, Init, Iterate, TrainState
+from hitmdp_jax.training.program import Init, Iterate
+from hitmdp_jax.training.state import Hyperparameters, TrainState
 
 # Trainings that a CPU device runs side by side. More are no faster, and need memory for the
 # rollouts of all: 32 seeds of MOPG make as many steps a second in chunks as at once.

@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from types import FrameType
 from typing import Any, TypeVar
 
@@ -64,20 +65,16 @@ class StopRequest:
         """
         if threading.current_thread() is not threading.main_thread():
             return function()
-        outcome: dict[str, Any] = {}
+        outcome = Future[Result]()
 
         def work() -> None:
             try:
-                outcome["result"] = function()
+                outcome.set_result(function())
             except BaseException as error:
-                outcome["error"] = error
+                outcome.set_exception(error)
 
-        thread = threading.Thread(target=work, daemon=True)
-        thread.start()
-        while thread.is_alive():
-            thread.join(0.1)
-            if self.signum is not None and thread.is_alive():
+        threading.Thread(target=work, daemon=True).start()
+        while not wait([outcome], timeout=0.1).done:
+            if self.signum is not None:
                 raise InterruptedRunError(self.signum)
-        if "error" in outcome:
-            raise outcome["error"]
-        return outcome["result"]
+        return outcome.result()

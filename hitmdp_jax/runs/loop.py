@@ -13,7 +13,7 @@ from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.physics import NativeEngine
 from hitmdp_jax.physics.speed import native_speed
 from hitmdp_jax.runs import processes
-from hitmdp_jax.runs.checkpoint import Checkpoints, CheckpointsElsewhere, Progress
+from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
 from hitmdp_jax.runs.claim import locked
 from hitmdp_jax.runs.folder import CONFIG, write
 from hitmdp_jax.runs.interrupt import StopRequest
@@ -23,7 +23,9 @@ from hitmdp_jax.runs.run import Run
 from hitmdp_jax.runs.schedule import Schedule
 from hitmdp_jax.runs.sinks import Sinks, open_sinks
 from hitmdp_jax.runs.sinks.terminal import TerminalSink
-from hitmdp_jax.training.program import CAUSES, Iterate, TrainState
+from hitmdp_jax.training.divergence import CAUSES
+from hitmdp_jax.training.program import Iterate
+from hitmdp_jax.training.state import TrainState
 from hitmdp_jax.training.sweep import Training
 
 
@@ -53,35 +55,30 @@ def run(run: Run, run_dir: Path, *, resume: bool = False, hooks: Sequence[Hook] 
       hooks: what else to do every so often.
     """
     with ExitStack() as stack:
-        writes = processes.is_first()
         processes.told(lambda: stack.enter_context(locked(run_dir)))
         stop = stack.enter_context(StopRequest())
         for hook in hooks:
             stack.callback(hook.close, stop)
-        checkpoints = Checkpoints(run_dir) if writes else CheckpointsElsewhere()
-        stack.callback(checkpoints.close)
-        agreement = processes.Agreement(stop, checkpoints.due, run.mesh)
+        checkpoints = Checkpoints(run_dir) if processes.is_first() else None
+        if checkpoints:
+            stack.callback(checkpoints.close)
+        due = checkpoints.due if checkpoints else lambda: False  # who writes has the clock
+        agreement = processes.Agreement(stop, due, run.mesh)
         progress = run.restore(checkpoints) if resume else Progress(0, 0, None)
-        schedule, trainings = run.schedule, run.trainings
-        done = schedule.steps_after(progress.iteration)
-        terminal = TerminalSink(schedule.env_steps, trainings, done, quiet=not writes)
-        sinks = Sinks(terminal)
-        if writes:
-            write(run_dir / CONFIG, run.config.to_yaml())
-            note_versions(run_dir)
-            sinks = Sinks(*open_sinks(run.config, run_dir, progress.iteration), terminal)
+        terminal, sinks = begin(run, run_dir, progress.iteration)
         stack.callback(sinks.close)
-        terminal.message(title(run))
-        reporter = Reporter(schedule, len(trainings), sinks, hooks, run.saved)
+        reporter = Reporter(run.schedule, len(run.trainings), sinks, hooks, run.saved)
 
         def save() -> None:
-            checkpoints.save(run.saved(progress), reporter.recent_return)
+            learned = run.saved(progress)  # which takes all processes
+            if checkpoints:
+                checkpoints.save(learned, reporter.recent_return)
 
         for task in range(progress.task, len(run.envs)):
             with terminal.compiling():
                 step = stop.wait_for(lambda: prepare(run, task, progress))  # noqa: B023
             try:
-                iterate(schedule, progress, step, agreement, reporter, save)
+                iterate(run.schedule, progress, step, agreement, reporter, save)
             except BaseException:  # an error in a report must not cost what was learned
                 if not processes.several():  # of which one alone has a part
                     save()
@@ -89,8 +86,27 @@ def run(run: Run, run_dir: Path, *, resume: bool = False, hooks: Sequence[Hook] 
             save()
             if agreement.signum:
                 break
-        checkpoints.close()
-        return outcome(run, progress, agreement.signum, checkpoints.failure)
+        if checkpoints:
+            checkpoints.close()
+        failure = checkpoints.failure if checkpoints else None
+        return outcome(run, progress, agreement.signum, failure)
+
+
+def begin(run: Run, run_dir: Path, iteration: int) -> tuple[TerminalSink, Sinks]:
+    """Note in a run's folder what trains it from an iteration on; open what it tells.
+
+    Returns:
+      The terminal, which says what runs, and all sinks, the terminal among them.
+    """
+    schedule, writes = run.schedule, processes.is_first()
+    done = schedule.steps_after(iteration)
+    terminal = TerminalSink(schedule.env_steps, run.trainings, done, quiet=not writes)
+    terminal.message(title(run))
+    if not writes:
+        return terminal, Sinks(terminal)
+    write(run_dir / CONFIG, run.config.to_yaml())
+    note_versions(run_dir)
+    return terminal, Sinks(*open_sinks(run.config, run_dir, iteration), terminal)
 
 
 def prepare(run: Run, task: int, progress: Progress) -> Iterate:

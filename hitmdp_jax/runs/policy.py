@@ -11,21 +11,22 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from brax.training.acme.running_statistics import NestedMeanStd
 from flax import struct
 from jax.typing import ArrayLike
 
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import AGENTS, Agent
 from hitmdp_jax.agents.base import check_hyperparameters, hyperparameters_of
-from hitmdp_jax.envs import engine_for, make_env
-from hitmdp_jax.envs.spec import Spec, spec_of
+from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.learning.normalization import normalize
-from hitmdp_jax.runs.checkpoint import Checkpoints, Progress, normalizer_of, policy_of
+from hitmdp_jax.runs.checkpoint import Checkpoints
+from hitmdp_jax.runs.checkpoint_items import Progress, policy_of
 from hitmdp_jax.runs.claim import claim
 from hitmdp_jax.runs.config import RunConfig, trust_named
 from hitmdp_jax.runs.folder import LOCK
-from hitmdp_jax.training.program import TrainState
+from hitmdp_jax.training.state import TrainState
 from hitmdp_jax.training.sweep import PREFIX, Training
 
 
@@ -154,19 +155,19 @@ def load_all(
         iteration, saved, spec = checkpoints.restore_policy(checkpoint, task)
     finally:
         checkpoints.close()
-    if spec is None:  # the checkpoint is older than specifications are
-        if not config.tasks:
-            raise UsageError(f"'{run_dir}' does not say what its policy observes: save it anew.")
-        learned = config.task_at(iteration)
-        spec = spec_of(make_env(**learned, physics=engine_for(learned["name"], "native")))
     agents = config.make_agent().replace(**config.swept).bind(spec)
-    policy = Policy(agents, saved["params"], normalizer_of(saved))
+    policy = _acting(agents, saved)
     if not _fits(policy, len(config.trainings)):
         raise UsageError(
             f"The checkpoint in '{run_dir}' does not fit the algorithm and seeds that its "
             "config.yaml names."
         )
     return iteration, policy
+
+
+def _acting(agent: Agent, saved: dict[str, Any]) -> Policy:
+    """Return the policy of an agent, bound to its task, and of what a checkpoint keeps of it."""
+    return Policy(agent, saved["params"], NestedMeanStd(mean=saved["mean"], std=saved["std"]))
 
 
 def _folder(run_dir: Any) -> Path:
@@ -214,8 +215,7 @@ def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: boo
         state = jax.tree.map(lambda x: x[None], state)
     seeds = len(state.iteration)
     config = RunConfig(algo=describe(agent), seeds=seeds)
-    learned = policy_of(state)
-    if not _fits(Policy(agent.bind(state.spec), learned["params"], normalizer_of(learned)), seeds):
+    if not _fits(_acting(agent.bind(state.spec), policy_of(state)), seeds):
         raise UsageError(f"The state does not fit the agent: {type(agent).__name__} made another.")
     run_dir = claim(folder, config, overwrite)
     trust_named(config.to_dict(), remember=True)

@@ -15,19 +15,13 @@ from hitmdp_jax.envs import make_env
 from hitmdp_jax.physics import find_engine
 from hitmdp_jax.precision import in_32_bits
 from hitmdp_jax.runs import processes
-from hitmdp_jax.runs.checkpoint import Checkpoints, Progress, with_raw_keys
+from hitmdp_jax.runs.checkpoint import Checkpoints
+from hitmdp_jax.runs.checkpoint_items import Progress, with_raw_keys
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.devices import at_once, make_mesh, memory_of, place, spread
 from hitmdp_jax.runs.schedule import Schedule
-from hitmdp_jax.training.program import (
-    Hyperparameters,
-    Init,
-    Iterate,
-    TrainState,
-    make_train,
-    repeat,
-    transfer,
-)
+from hitmdp_jax.training.program import Init, Iterate, make_train, repeat
+from hitmdp_jax.training.state import Hyperparameters, TrainState, transfer
 from hitmdp_jax.training.sweep import Training
 
 
@@ -158,11 +152,12 @@ class Run:
         state = processes.gathered(self.kept(progress.state), self.mesh)
         return dataclasses.replace(progress, state=self.own(state))
 
-    def restore(self, checkpoints: Checkpoints) -> Progress:
+    def restore(self, checkpoints: Checkpoints | None) -> Progress:
         """Return where the newest readable checkpoint, which the first process reads, says so."""
         read: list[Progress] = []
 
         def first() -> tuple[int, int]:
+            assert checkpoints is not None
             read.append(checkpoints.restore(self.abstract_state))
             return read[0].iteration, read[0].task
 

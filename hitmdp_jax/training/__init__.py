@@ -1,3 +1,3 @@
-"""Training runs: the pure program, and the host around it (loop, display, files)."""
+"""One training as pure functions, and sweeps of many."""
 
 import hitmdp_jax.quiet_mjx  # noqa: F401

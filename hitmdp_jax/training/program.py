@@ -7,90 +7,27 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from brax.envs.base import Env
-from brax.training.acme.running_statistics import RunningStatisticsState
-from flax import struct
 from jax.custom_batching import custom_vmap
-from jax.flatten_util import ravel_pytree
 
-from hitmdp_jax.agents.base import Agent, LearnerState, check_hyperparameters
+from hitmdp_jax.agents.base import Agent, check_hyperparameters
 from hitmdp_jax.agents.contract import check_algorithm
 from hitmdp_jax.checks import check_size
 from hitmdp_jax.envs.action_repeat import ActionRepeat, action_repeat_of
 from hitmdp_jax.envs.contract import check_task
-from hitmdp_jax.envs.spec import Spec, spec_of
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import out_of_domain
 from hitmdp_jax.learning.episodes import EpisodeWindow, episode_metrics
 from hitmdp_jax.learning.normalization import initial_statistics, update_statistics
 from hitmdp_jax.learning.rollout import RolloutState, collect
-from hitmdp_jax.metrics import Metrics, describe, over_iterations
+from hitmdp_jax.metrics import Metrics, over_iterations
 from hitmdp_jax.precision import in_32_bits
-
-# What was not finite where a seed diverged. Checkpoints hold the place: new ones go to the end.
-CAUSES = (
-    "none", "reward", "loss", "parameters", "observation", "observation statistics", "policy"
-)  # fmt: skip
-
-POOL_ACTIONS = 32  # in each environment, at least, between two drawings of fresh initial states
-
-Hyperparameters = dict[str, jax.Array]  # float hyperparameter -> its value
-
-
-class TrainState(struct.PyTreeNode):
-    """Everything a training run consists of: continuing from it is exact."""
-
-    hyperparameters: Hyperparameters  # of this training, in place of the agent's own
-    learner: LearnerState
-    replay: Any  # what an off-policy agent remembers of rollouts; () of the others
-    normalizer: RunningStatisticsState
-    rollout: RolloutState
-    episodes: EpisodeWindow
-    key: jax.Array
-    iteration: jax.Array  # int32
-    diverged: jax.Array  # int32, the iteration that was not finite; 0 while all are
-    cause: jax.Array  # int32, the place in CAUSES of what was not finite
-    spec: Spec = struct.field(pytree_node=False)  # of the task
-
+from hitmdp_jax.training.divergence import freeze_diverged, watched
+from hitmdp_jax.training.sizes import check_sizes, num_iterations, pool_period, usual_pool_size
+from hitmdp_jax.training.state import Hyperparameters, TrainState
 
 Init = Callable[..., TrainState]  # of a key and, in place of the agent's, of `Hyperparameters`
 Iterate = Callable[[TrainState], tuple[TrainState, Metrics]]
-
-
-def num_iterations(
-    num_steps: int, num_envs: int, rollout_length: int, action_repeat: int = 1
-) -> int:
-    """Return how many iterations cover `num_steps` environment steps, the last one whole.
-
-    Environment steps are control steps: `action_repeat` to an action.
-    """
-    return -(-num_steps // (num_envs * rollout_length * action_repeat))
-
-
-def pool_period(rollout_length: int) -> int:
-    """Return after how many iterations fresh initial states are drawn again.
-
-    An agent that updates at every step would spend its time on drawing them.
-    """
-    return -(-POOL_ACTIONS // rollout_length)
-
-
-def usual_pool_size(num_envs: int, rollout_length: int) -> int:
-    """Return how many fresh initial states are drawn at once: a quarter of the steps until then."""
-    return max(1, num_envs * rollout_length * pool_period(rollout_length) // 4)
-
-
-def check_sizes(agent: Agent, num_steps: Any, num_envs: Any, rollout_length: Any) -> None:
-    """Reject sizes that no program can be built from.
-
-    Raises:
-      UsageError: a size is not a positive whole number, or a rollout does not divide into
-        minibatches.
-    """
-    sizes = {"num_steps": num_steps, "num_envs": num_envs, "rollout_length": rollout_length}
-    for name, size in sizes.items():
-        check_size(name, size)
-    spelled = f"rollout_length * num_envs = {rollout_length} * {num_envs}"
-    agent.check_batch(rollout_length * num_envs, spelled)
 
 
 def make_train(
@@ -244,48 +181,6 @@ def _for_all_mapped(size: int, mapped: list[bool], due: jax.Array) -> tuple[jax.
     return for_all(due.any()), False
 
 
-def watched(learning: Metrics, cause: str) -> list[jax.Array]:
-    """Return those of an algorithm's metrics of which one that is not finite has that cause."""
-    return [x for name, x in sorted(learning.items()) if describe(name).cause == cause]
-
-
-def freeze_diverged(
-    old: TrainState, new: TrainState, metrics: Metrics, seen: dict[str, Any]
-) -> tuple[TrainState, Metrics]:
-    """Keep what a run had learned when it is no longer finite; its metrics are NaN from then on.
-
-    A NaN would stay in the parameters or the normaliser for ever, and take what was learned with
-    it. The replay is large and is left alone: nothing is learned from it any more. Nothing is
-    shared between the runs of a sweep, so the others go on as they would alone.
-
-    Args:
-      old: the state before the iteration.
-      new: the state after it.
-      metrics: the iteration's.
-      seen: what must be finite, by its name in `CAUSES`; of several the first is the cause.
-    """
-    finite = jnp.stack([jnp.isfinite(ravel_pytree(part)[0]).all() for part in seen.values()])
-    lost = (old.diverged > 0) | ~finite.all()
-    first = (old.diverged == 0) & ~finite.all()
-    causes = jnp.array([CAUSES.index(name) for name in seen], jnp.int32)
-
-    def keep(before: Any, after: Any) -> Any:
-        return jax.tree.map(lambda a, b: jnp.where(lost, a, b), before, after)
-
-    state = new.replace(
-        learner=keep(old.learner, new.learner),
-        normalizer=keep(old.normalizer, new.normalizer),
-        diverged=jnp.where(first, new.iteration, old.diverged),
-        cause=jnp.where(first, causes[jnp.argmin(finite)], old.cause),
-    )
-
-    def nothing(name: str, x: jax.Array) -> jax.Array:
-        return jnp.zeros_like(x) if describe(name).over_iterations == "sum" else x * jnp.nan
-
-    told = {name: jnp.where(lost, nothing(name, x), x) for name, x in metrics.items()}
-    return state, told | {"diverged": lost}
-
-
 def train(
     agent: Agent,
     env: Env,
@@ -336,21 +231,3 @@ def repeat(step: Iterate, count: int) -> Iterate:
         return state, over_iterations(metrics)
 
     return steps
-
-
-def transfer(old: TrainState, new: TrainState) -> TrainState:
-    """Carry what was learned over to another task's fresh state.
-
-    Networks, optimiser and observation normaliser go on; environments, memory, the replay and the
-    episodes in progress start anew (DAC, Zhang & Whiteson 2019, sec. 5.2, without its carried-over
-    episodes).
-    """
-    return new.replace(
-        hyperparameters=old.hyperparameters,
-        learner=old.learner,
-        normalizer=old.normalizer,
-        key=old.key,
-        iteration=old.iteration,
-        diverged=old.diverged,
-        cause=old.cause,
-    )

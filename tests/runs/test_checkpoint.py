@@ -1,4 +1,3 @@
-import json
 import os
 import shutil
 
@@ -85,24 +84,6 @@ def test_each_task_of_a_transfer_has_its_best_which_is_asked_for_by_its_place(tm
     assert [reader.restore_policy(*each)[0] for each in asked] == [5, 2, 5, 2, 8]
     with pytest.raises(UsageError, match="holds no checkpoint best of task 2"):
         reader.restore_policy("best", 2)
-
-
-def older(folder):
-    """Make checkpoints such as an older package wrote: their words without digests."""
-    for path in folder.rglob("progress/metadata"):
-        words = json.loads(path.read_text())
-        names = ("schema", "task", "iteration", "recent_return")
-        path.write_text(json.dumps({name: words[name] for name in names}))
-
-
-def test_checkpoints_without_digests_are_read_too(tmp_path, state):
-    checkpoints = Checkpoints(tmp_path)
-    for i, recent_return in enumerate([NAN, 5, 9, 1, 2, 3], start=1):
-        checkpoints.save(Progress(i, 0, marked(state, i)), recent_return)
-    checkpoints.close()
-    older(tmp_path)
-    assert Checkpoints(tmp_path, read_only=True).restore_policy("best")[0] == 3
-    assert Checkpoints(tmp_path).restore(like).iteration == 6
 
 
 class Learner(struct.PyTreeNode):

@@ -1,4 +1,3 @@
-import json
 from pathlib import Path
 
 import jax
@@ -9,16 +8,14 @@ import yaml
 
 import hitmdp_jax
 from hitmdp_jax.agents import MOPG, PPO
-from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.rollout import RolloutState, collect
-from hitmdp_jax.runs.checkpoint import BEFORE_DIGESTS, Checkpoints, Progress
+from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
 from hitmdp_jax.runs.policy import Policy, extract, load_all
-from tests.probes import Target, untrained
+from tests.probes import Target
 
 SIZES = {"num_steps": 128, "num_envs": 8, "rollout_length": 16}
-TURKEY = "toy/turkey"
 AGENT = MOPG(num_epochs=1, num_options=3, learning_rate=1e-3)
 
 
@@ -189,23 +186,6 @@ def test_a_policy_says_its_options_and_what_it_expects(saved):
     assert probs.sum() == pytest.approx(1.0)
     every = [policy.agent.q(policy.params, policy.normalized(obs), jnp.int32(k)) for k in range(3)]
     assert value == pytest.approx(float(probs @ jnp.stack(every)), rel=1e-4, abs=1e-6)
-
-
-def test_a_checkpoint_without_a_specification_takes_that_of_the_runs_task(tmp_path):
-    """Runs of before held none."""
-    agent = PPO(hidden_sizes=(8,))
-    hitmdp_jax.save(tmp_path / "run", agent, untrained(agent, 1))
-    (words,) = (tmp_path / "run").glob("checkpoints/*/progress/metadata")
-    known = json.loads(words.read_text())
-    older = {name: known[name] for name in BEFORE_DIGESTS}
-    words.write_text(json.dumps(older))
-    with pytest.raises(UsageError, match="does not say what its policy observes: save it anew"):
-        hitmdp_jax.load(tmp_path / "run")
-    settings = tmp_path / "run" / "config.yaml"
-    settings.write_text(yaml.dump(yaml.safe_load(settings.read_text()) | {"env": {"name": TURKEY}}))
-    spec = hitmdp_jax.load(tmp_path / "run").spec
-    assert spec == hitmdp_jax.spec_of(hitmdp_jax.make_env(TURKEY))
-    assert spec == Spec.from_dict(known["spec"])
 
 
 def test_every_published_policy_says_what_it_observes():

@@ -9,14 +9,10 @@ import hitmdp_jax
 from hitmdp_jax.agents import MOPG, PPO
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.metrics import describe
-from hitmdp_jax.training.program import (
-    CAUSES,
-    freeze_diverged,
-    num_iterations,
-    repeat,
-    transfer,
-    watched,
-)
+from hitmdp_jax.training.divergence import CAUSES, freeze_diverged, watched
+from hitmdp_jax.training.program import repeat
+from hitmdp_jax.training.sizes import num_iterations
+from hitmdp_jax.training.state import transfer
 from tests.probes import Counter, PlaygroundTarget, Remembering, Target
 
 # The algorithm and the size that compile quickest.

@@ -1,6 +1,5 @@
 """What a run shows on a terminal while it goes on."""
 
-import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -9,7 +8,14 @@ from contextlib import contextmanager
 import numpy as np
 from rich.console import Console, Group
 from rich.live import Live
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 from hitmdp_jax.learning.episodes import RECENT_EPISODES
@@ -75,7 +81,9 @@ class TerminalSink:
             yield
         else:
             self._live.stop()
-            with self._console.status("compiling") as status, _clock(status, start):
+            clock = TextColumn("compiling"), TimeElapsedColumn()
+            with Progress(*clock, console=self._console, transient=True) as shown:
+                shown.add_task("")
                 yield
         self.message(f"compiled in {time.monotonic() - start:.0f} s")
 
@@ -153,21 +161,3 @@ class TerminalSink:
         known = ~np.isnan(stacked)
         total = np.where(known, stacked, 0.0).sum(0)
         return np.where(known.any(0), total / np.maximum(known.sum(0), 1), np.nan)
-
-
-@contextmanager
-def _clock(status, start: float) -> Iterator[None]:
-    """Count the seconds in a status line meanwhile."""
-    done = threading.Event()
-
-    def tick() -> None:
-        while not done.wait(0.5):
-            status.update(f"compiling, {time.monotonic() - start:.0f} s")
-
-    thread = threading.Thread(target=tick, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        thread.join()

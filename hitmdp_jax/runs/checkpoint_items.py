@@ -1,0 +1,64 @@
+"""What a checkpoint consists of: the whole state, what acting needs of it, and a few words."""
+
+import dataclasses
+import math
+from typing import Any
+
+import jax
+import numpy as np
+import orbax.checkpoint as ocp
+
+from hitmdp_jax.envs.spec import Spec
+from hitmdp_jax.runs import processes
+from hitmdp_jax.runs.checkpoint_words import Words, digest
+from hitmdp_jax.training.state import TrainState
+
+STATE, POLICY, PROGRESS = "state", "policy", "progress"
+WORDS = "metadata"  # the file of the last one
+HANDLERS = {
+    STATE: ocp.StandardCheckpointHandler,
+    POLICY: ocp.StandardCheckpointHandler,
+    PROGRESS: lambda: ocp.JsonCheckpointHandler(WORDS),
+}
+
+
+@dataclasses.dataclass
+class Progress:
+    """How far a run has come: what a checkpoint holds and a loop moves on."""
+
+    iteration: int  # iterations done, over all tasks
+    task: int  # the place of the task that the state belongs to, from 0
+    state: TrainState | None  # [S, ...]; None before the first iteration
+
+
+def items_of(
+    trees: dict[str, Any], spec: Spec, task: int, iteration: int, recent_return: float
+) -> ocp.args.Composite:
+    """Return what a checkpoint is to hold, as Orbax takes it."""
+    digests = {item: digest(tree) for item, tree in trees.items()}
+    known = None if math.isnan(recent_return) else recent_return
+    words = Words(task, iteration, known, spec, digests).to_dict()
+    arrays = {item: ocp.args.StandardSave(_savable(tree)) for item, tree in trees.items()}  # pyright: ignore
+    return ocp.args.Composite(**arrays, **{PROGRESS: ocp.args.JsonSave(words)})  # pyright: ignore
+
+
+def policy_of(state: TrainState) -> dict[str, Any]:
+    """Return what acting needs of a state: parameters and the normaliser's mean and std."""
+    normalizer = state.normalizer
+    return {"params": state.learner.params, "mean": normalizer.mean, "std": normalizer.std}
+
+
+def with_raw_keys(state: TrainState) -> TrainState:
+    """Return a state whose key is its raw numbers, as a checkpoint holds it."""
+    return state.replace(key=jax.random.key_data(state.key))
+
+
+def _savable(tree: Any) -> Any:
+    """Return arrays as Orbax takes them: of one of several processes in NumPy, by name.
+
+    Of JAX's own it wants the parts that every process has; and Brax's counter is JAX's in whatever
+    it is put back together from.
+    """
+    if not processes.several():
+        return tree
+    return jax.tree.map(np.asarray, ocp.tree.serialize_tree(tree, keep_empty_nodes=True))
