@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from hitmdp_jax.agents.base import static, traced
 from hitmdp_jax.agents.gradient_agent import ScaledAgent, ScaledState
 from hitmdp_jax.agents.hit_policy import HitPolicy
-from hitmdp_jax.learning import mutual_information as mi
 from hitmdp_jax.learning.advantages import standardize
+from hitmdp_jax.learning.mutual_information import action_information
 from hitmdp_jax.learning.optimization import adapted_share
 from hitmdp_jax.learning.options import (
     at_option,
@@ -23,6 +23,8 @@ from hitmdp_jax.learning.schedules import SCHEDULES, anneal
 from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks.action_heads import log_prob_of_each
 from hitmdp_jax.precision import in_32_bits
+
+INFORMATION = ("none", "action")  # choices of the intrinsic reward I_t
 
 
 class MOPG(HitPolicy, ScaledAgent):
@@ -44,7 +46,7 @@ class MOPG(HitPolicy, ScaledAgent):
     entropy_weight: float = traced(0.0)  # a_H, at the start of a run where it is annealed
     final_entropy_weight: float = traced(0.0)  # a_H at the end of an annealed run
     information_weight: float = traced(0.0)  # a_I
-    mutual_information: str = static("none", mi.CHOICES)
+    mutual_information: str = static("none", INFORMATION)
     entropy_schedule: str = static("constant", tuple(SCHEDULES))
 
     def scheduled(self, progress: jax.Array) -> "MOPG":
@@ -148,16 +150,5 @@ class MOPG(HitPolicy, ScaledAgent):
         """Return the intrinsic reward I_t [T, B], given log P(o | s, o_{t-1}) [T, B, K]."""
         if self.mutual_information == "none":
             return jnp.zeros_like(batch.reward)
-        obs, option = batch.obs, batch.record
-        log_action = log_prob_of_each(self.every_policy(params, obs), batch.action)
-        if self.mutual_information == "action":
-            return mi.action_information(log_option, log_action, option)
-        if self.mutual_information == "usage":
-            return mi.usage_information(log_option, log_action, option)
-        every = jnp.arange(self.num_options)
-        usage = mi.usage(self.previous_option(batch.memory), self.num_options)
-        log_each = jax.vmap(
-            lambda k: self.option_log_probs(params, obs, jnp.full_like(option, k)), out_axes=-2
-        )(every)  # [T, B, K previous, K]
-        log_marginal = jax.nn.logsumexp(log_each, axis=-2, b=usage[:, None])
-        return mi.previous_information(log_option, log_action, option, log_marginal)
+        log_action = log_prob_of_each(self.every_policy(params, batch.obs), batch.action)
+        return action_information(log_option, log_action, batch.record)

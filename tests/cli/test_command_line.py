@@ -48,7 +48,7 @@ VALUES = {
     "algo.gamma": st.floats(0.0, 1.0),
     "algo.target_kl": st.sampled_from([0.01, float("inf")]),
     "algo.normalize_values": st.booleans(),
-    "algo.mutual_information": st.sampled_from(["none", "usage"]),
+    "algo.mutual_information": st.sampled_from(["none", "action"]),
     "algo.hidden_sizes": st.lists(st.integers(1, 9), min_size=1, max_size=3),
     "env.reset_noise_scale": st.floats(0.0, 1.0),
     "env.version": st.sampled_from(["v4", "v5"]),
