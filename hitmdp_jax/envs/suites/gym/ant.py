@@ -8,9 +8,8 @@ import mujoco
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
-from hitmdp_jax.envs.suites.gym.health import Health
 from hitmdp_jax.envs.suites.gym.initial import normal_velocity_around_rest
-from hitmdp_jax.envs.suites.gym.task import GymTask
+from hitmdp_jax.envs.suites.gym.task import HealthyTask, Terms
 from hitmdp_jax.errors import unknown_name
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
@@ -24,7 +23,7 @@ MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2, contacts=8)
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
-class Ant(GymTask):
+class Ant(HealthyTask):
     """Run along x: reward is forward velocity (m/s), plus 1 for health, less control and contact.
 
     Observation [105]: torso height (m) and orientation (quaternion), eight joint angles (rad), the
@@ -56,9 +55,7 @@ class Ant(GymTask):
     forward_reward_weight: float = 1.0
     ctrl_cost_weight: float = 0.5
     contact_cost_weight: float = 5e-4
-    healthy_reward: float = 1.0
     main_body: int | str = "torso"
-    terminate_when_unhealthy: bool = True
     healthy_z_range: tuple[float, float] = (0.2, 1.0)
     contact_force_range: tuple[float, float] = (-1.0, 1.0)
     reset_noise_scale: float = 0.1
@@ -78,7 +75,6 @@ class Ant(GymTask):
         # v4 observes the world's forces, too, which are zero.
         self._first_observed_body = 0 if self.version == "v4" else 1
         self._main_body = find_body(model, self.main_body)
-        self._health = Health(self.healthy_reward, self.terminate_when_unhealthy, self.version)
         self._first_position = 2 if self.exclude_current_positions_from_observation else 0
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -92,22 +88,19 @@ class Ant(GymTask):
             parts.append(self._contact_forces(data)[self._first_observed_body :].ravel())
         return jnp.concatenate(parts)
 
-    def reward(
-        self, before: PhysicsState, after: PhysicsState, action: jax.Array
-    ) -> tuple[jax.Array, dict[str, jax.Array]]:
-        """Return forward velocity plus the healthy reward less control and contact costs."""
+    def terms(self, before: PhysicsState, after: PhysicsState, action: jax.Array) -> Terms:
+        """Return forward velocity, control and contact costs, and the healthy reward."""
         distance = after["xpos"][self._main_body, 0] - before["xpos"][self._main_body, 0]
         forward = self.forward_reward_weight * distance / self.dt
         ctrl = -self.ctrl_cost_weight * jnp.sum(action**2)
         contact = jnp.zeros(())
         if self._pays_contact_forces:
             contact = -self.contact_cost_weight * jnp.sum(self._contact_forces(after) ** 2)
-        survive = self._health.survive_reward(self.healthy(after))
-        return forward + ctrl + contact + survive, {
+        return {
             "reward_forward": forward,
             "reward_ctrl": ctrl,
             "reward_contact": contact,
-            "reward_survive": survive,
+            "reward_survive": self.survive_reward(after),
         }
 
     def healthy(self, data: PhysicsState) -> jax.Array:
@@ -116,10 +109,6 @@ class Ant(GymTask):
         z = data.qpos[ROOT_Z]
         finite = jnp.isfinite(data.qpos).all() & jnp.isfinite(data.qvel).all()
         return finite & (low <= z) & (z <= high)
-
-    def terminated(self, data: PhysicsState) -> jax.Array:
-        """Return whether the ant became unhealthy."""
-        return self._health.ends(self.healthy(data))
 
     def _contact_forces(self, data: PhysicsState) -> jax.Array:
         """Return the clipped external torque and force on each body [14, 6], N m and N."""

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 
 from hitmdp_jax.envs.base import SolverBudget
 from hitmdp_jax.envs.suites.base import VERSIONS
-from hitmdp_jax.envs.suites.gym.health import within
 from hitmdp_jax.envs.suites.gym.runner import HealthyRunner
+from hitmdp_jax.envs.suites.gym.task import within
 from hitmdp_jax.physics import PhysicsState
 
 FRAME_SKIP = 4  # substeps of 0.002 s, RK4

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
-from hitmdp_jax.envs.suites.gym.health import Health, within
 from hitmdp_jax.envs.suites.gym.humanoid_body import FRAME_SKIP, ROOT_Z, HumanoidBody
+from hitmdp_jax.envs.suites.gym.task import HealthyTask, Terms, within
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 CONTACT_COST_WEIGHT = 5e-7
@@ -20,7 +20,7 @@ MJX_BUDGET = SolverBudget(iterations=7, ls_iterations=4, contacts=12)
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
-class Humanoid(HumanoidBody):
+class Humanoid(HealthyTask, HumanoidBody):
     """Walk along x: reward is the mass centre's velocity (m/s), plus 5 for health, less costs.
 
     Observation [348]: torso height (m) and orientation (quaternion), seventeen joint angles (rad),
@@ -48,7 +48,6 @@ class Humanoid(HumanoidBody):
     contact_cost_weight: float | None = None
     contact_cost_range: tuple[float, float] = (-math.inf, 10.0)
     healthy_reward: float = 5.0
-    terminate_when_unhealthy: bool = True
     healthy_z_range: tuple[float, float] = (1.0, 2.0)
 
     def __post_init__(self, physics: PhysicsChoice):
@@ -59,12 +58,9 @@ class Humanoid(HumanoidBody):
             fields.add("cfrc_ext")
         model = load_gymnasium_model("humanoid.xml")
         MujocoEnv.__init__(self, model, FRAME_SKIP, physics, sorted(fields), MJX_BUDGET)
-        self._health = Health(self.healthy_reward, self.terminate_when_unhealthy, self.version)
 
-    def reward(
-        self, before: PhysicsState, after: PhysicsState, action: jax.Array
-    ) -> tuple[jax.Array, dict[str, jax.Array]]:
-        """Return forward velocity plus the healthy reward less control and contact costs."""
+    def terms(self, before: PhysicsState, after: PhysicsState, action: jax.Array) -> Terms:
+        """Return forward velocity, control and contact costs, and the healthy reward."""
         distance = self._mass_centre_x(after) - self._mass_centre_x(before)
         forward = self.forward_reward_weight * distance / self.dt
         ctrl = -self.ctrl_cost_weight * jnp.sum(action**2)
@@ -72,21 +68,16 @@ class Humanoid(HumanoidBody):
         if self.contact_cost_weight:
             cost = self.contact_cost_weight * jnp.sum(after["cfrc_ext"] ** 2)
             contact = -jnp.clip(cost, *self.contact_cost_range)
-        survive = self._health.survive_reward(self.healthy(after))
-        return forward + ctrl + contact + survive, {
-            "reward_survive": survive,
+        return {
             "reward_forward": forward,
             "reward_ctrl": ctrl,
             "reward_contact": contact,
+            "reward_survive": self.survive_reward(after),
         }
 
     def healthy(self, data: PhysicsState) -> jax.Array:
         """Return whether the height lies inside its range."""
         return within(data.qpos[ROOT_Z], self.healthy_z_range)
-
-    def terminated(self, data: PhysicsState) -> jax.Array:
-        """Return whether the humanoid became unhealthy."""
-        return self._health.ends(self.healthy(data))
 
     def _mass_centre_x(self, data: PhysicsState) -> jax.Array:
         """Return the x of the whole body's centre of mass, m."""

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.initial import normal_velocity_around_rest
-from hitmdp_jax.envs.suites.gym.task import GymTask
+from hitmdp_jax.envs.suites.gym.task import GymTask, Terms
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 5  # substeps of 0.01 s, RK4
@@ -70,16 +70,14 @@ class InvertedDoublePendulum(GymTask):
             ]
         )
 
-    def reward(
-        self, before: PhysicsState, after: PhysicsState, action: jax.Array
-    ) -> tuple[jax.Array, dict[str, jax.Array]]:
-        """Return the healthy reward less the penalties."""
+    def terms(self, before: PhysicsState, after: PhysicsState, action: jax.Array) -> Terms:
+        """Return the healthy reward and the penalties."""
         x, _, z = after["site_xpos"][self._tip]
         distance = -(0.01 * x**2 + (z - TARGET_HEIGHT) ** 2)
         _, lower, upper = after.qvel
         velocity = -(1e-3 * lower**2 + 5e-3 * upper**2)
         survive = jnp.where(self.terminated(after), self._reward_at_end, self.healthy_reward)
-        return survive + distance + velocity, {
+        return {
             "reward_survive": survive,
             "distance_penalty": distance,
             "velocity_penalty": velocity,

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
-from hitmdp_jax.envs.suites.gym.task import GymTask
+from hitmdp_jax.envs.suites.gym.task import GymTask, Terms
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 2  # substeps of 0.02 s
@@ -54,12 +54,9 @@ class InvertedPendulum(GymTask):
         """Return positions and velocities."""
         return jnp.concatenate([data.qpos, data.qvel[: self._observed_velocities]])
 
-    def reward(
-        self, before: PhysicsState, after: PhysicsState, action: jax.Array
-    ) -> tuple[jax.Array, dict[str, jax.Array]]:
+    def terms(self, before: PhysicsState, after: PhysicsState, action: jax.Array) -> Terms:
         """Return 1 while the pole is up."""
-        survive = jnp.where(self.terminated(after), self._reward_at_end, 1.0)
-        return survive, {"reward_survive": survive}
+        return {"reward_survive": jnp.where(self.terminated(after), self._reward_at_end, 1.0)}
 
     def terminated(self, data: PhysicsState) -> jax.Array:
         """Return whether the pole fell or the state is not finite."""

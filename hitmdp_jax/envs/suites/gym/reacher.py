@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
-from hitmdp_jax.envs.suites.gym.task import GymTask
+from hitmdp_jax.envs.suites.gym.task import GymTask, Terms
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 2  # substeps of 0.01 s, RK4
@@ -79,14 +79,12 @@ class Reacher(GymTask):
             ]
         )
 
-    def reward(
-        self, before: PhysicsState, after: PhysicsState, action: jax.Array
-    ) -> tuple[jax.Array, dict[str, jax.Array]]:
-        """Return minus the distance less control cost."""
+    def terms(self, before: PhysicsState, after: PhysicsState, action: jax.Array) -> Terms:
+        """Return minus the distance, and the control cost."""
         vector = self._from_target(before if self.version == "v4" else after)
         distance = -self.reward_dist_weight * jnp.linalg.norm(vector)
         ctrl = -self.reward_control_weight * jnp.sum(action**2)
-        return distance + ctrl, {"reward_dist": distance, "reward_ctrl": ctrl}
+        return {"reward_dist": distance, "reward_ctrl": ctrl}
 
     def _from_target(self, data: PhysicsState) -> jax.Array:
         """Return the vector [3] from the target to the fingertip, m."""

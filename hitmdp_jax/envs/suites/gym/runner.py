@@ -1,6 +1,5 @@
 """`Runner` and `HealthyRunner`: what Gymnasium's planar bodies that move along x share."""
 
-import abc
 import dataclasses
 from collections.abc import Mapping
 from typing import ClassVar
@@ -10,9 +9,8 @@ import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
 from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
-from hitmdp_jax.envs.suites.gym.health import Health
 from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
-from hitmdp_jax.envs.suites.gym.task import GymTask
+from hitmdp_jax.envs.suites.gym.task import GymTask, HealthyTask, Terms
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 ROOT_X = 0  # qpos: horizontal position of the root, m
@@ -62,17 +60,15 @@ class Runner(GymTask):
         velocity = data.qvel[: self._observed_velocities]
         return jnp.concatenate([data.qpos[self._first_position :], velocity])
 
-    def reward(
-        self, before: PhysicsState, after: PhysicsState, action: jax.Array
-    ) -> tuple[jax.Array, dict[str, jax.Array]]:
-        """Return velocity along x less control cost, both weighted."""
+    def terms(self, before: PhysicsState, after: PhysicsState, action: jax.Array) -> Terms:
+        """Return velocity along x and control cost, both weighted."""
         forward = self.forward_reward_weight * after.displacement[ROOT_X] / self.dt
         ctrl = -self.ctrl_cost_weight * jnp.sum(action**2)
-        return forward + ctrl, {"reward_forward": forward, "reward_ctrl": ctrl}
+        return {"reward_forward": forward, "reward_ctrl": ctrl}
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
-class HealthyRunner(Runner):
+class HealthyRunner(HealthyTask, Runner):
     """A runner that is paid for staying healthy, and whose episode ends where it does not.
 
     Its observed velocities are clipped to [-10, 10].
@@ -85,31 +81,14 @@ class HealthyRunner(Runner):
     reward_terms = (*Runner.reward_terms, "reward_survive")
 
     ctrl_cost_weight: float = 1e-3
-    healthy_reward: float = 1.0
-    terminate_when_unhealthy: bool = True
     reset_noise_scale: float = 5e-3
-
-    def __post_init__(self, physics: PhysicsChoice):
-        super().__post_init__(physics)
-        self._health = Health(self.healthy_reward, self.terminate_when_unhealthy, self.version)
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and clipped velocities."""
         clipped = jnp.clip(data.qvel, -MAX_OBSERVED_VELOCITY, MAX_OBSERVED_VELOCITY)
         return super().observation(data.replace(qvel=clipped))
 
-    def reward(
-        self, before: PhysicsState, after: PhysicsState, action: jax.Array
-    ) -> tuple[jax.Array, dict[str, jax.Array]]:
-        """Return velocity along x plus the healthy reward less control cost."""
-        reward, terms = super().reward(before, after, action)
-        survive = self._health.survive_reward(self.healthy(after))
-        return reward + survive, terms | {"reward_survive": survive}
-
-    @abc.abstractmethod
-    def healthy(self, data: PhysicsState) -> jax.Array:
-        """Return whether the body lies inside its healthy ranges."""
-
-    def terminated(self, data: PhysicsState) -> jax.Array:
-        """Return whether the body became unhealthy."""
-        return self._health.ends(self.healthy(data))
+    def terms(self, before: PhysicsState, after: PhysicsState, action: jax.Array) -> Terms:
+        """Return velocity along x, control cost and the healthy reward."""
+        earned = super().terms(before, after, action)
+        return earned | {"reward_survive": self.survive_reward(after)}
