@@ -36,8 +36,8 @@ def is_array(x: Any) -> bool:
     return isinstance(x, jax.ShapeDtypeStruct)
 
 
-def told(x: Any) -> str:
-    """Return how a sentence calls what `traced` found: `float32[3]`, or a type."""
+def shown(x: Any) -> str:
+    """Return how a sentence shows what `traced` found: `float32[3]`, or a type."""
     return f"{x.dtype}{list(x.shape)}" if is_array(x) else f"a {type(x).__name__}"
 
 
@@ -60,7 +60,7 @@ def difference(before: Any, after: Any, this: str, that: str) -> str | None:
         if path not in first:
             return f"{that} makes {_name(path)}, which {this} does not"
         if not is_array(first[path]) or first[path] != second[path]:
-            one, other = told(first[path]), told(second[path])
+            one, other = shown(first[path]), shown(second[path])
             return f"{_name(path)} is {one} of {this} and {other} of {that}"
     if jax.tree.structure(before) != jax.tree.structure(after):
         return f"{this} and {that} make different structures"

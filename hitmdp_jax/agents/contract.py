@@ -10,7 +10,7 @@ from hitmdp_jax.agents.base import Agent, LearnerState
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import VOCABULARY
-from hitmdp_jax.tracing import difference, is_array, told, traced
+from hitmdp_jax.tracing import difference, is_array, shown, traced
 
 OURS = {  # metrics that training itself adds
     name for name, metric in VOCABULARY.items() if metric.over_iterations == "by episodes"
@@ -44,7 +44,7 @@ def _fault(agent: Agent, num_envs: int, length: int) -> str | None:
     memory = traced(lambda key: agent.initial_memory(key, (num_envs,)), key)
     for x in jax.tree.leaves(memory):
         if not is_array(x) or x.shape[:1] != (num_envs,):
-            return f"its initial_memory holds {told(x)} and must be [B, ...] of {num_envs} tasks"
+            return f"its initial_memory holds {shown(x)} and must be [B, ...] of {num_envs} tasks"
     obs = jax.ShapeDtypeStruct((num_envs, spec.observation.size), jnp.float32)
     acted = traced(agent.act, state.params, obs, memory, key)
     if not isinstance(acted, tuple) or len(acted) != 3:
@@ -53,7 +53,7 @@ def _fault(agent: Agent, num_envs: int, length: int) -> str | None:
     shape = num_envs, *spec.action.shape
     if not is_array(action) or action.shape != shape:
         wanted = "[B, A]" if spec.action.shape else "choices [B]"
-        return f"its act returns {told(action)} for actions and must return {wanted}, {[*shape]}"
+        return f"its act returns {shown(action)} for actions and must return {wanted}, {[*shape]}"
     if fault := difference(memory, new_memory, "its initial_memory", "its act"):
         return fault
     batch = _batch(obs, action, memory, record, length)
@@ -70,7 +70,7 @@ def _fault(agent: Agent, num_envs: int, length: int) -> str | None:
         if name in OURS:
             return f"its metric '{name}' would hide the training's of that name: call it otherwise"
         if not is_array(x) or len(x.shape) > 1:
-            return f"its metric '{name}' is {told(x)} and must be one number, or one an option"
+            return f"its metric '{name}' is {shown(x)} and must be one number, or one an option"
     return difference(state, new_state, "its init", "its update")
 
 

@@ -12,7 +12,7 @@ from hitmdp_jax.agents.base import Agent, LearnerState, static, traced
 from hitmdp_jax.checks import divisor_below
 from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.learning.advantages import discounted_returns, generalized_advantages, spread
+from hitmdp_jax.learning.advantages import deviation, discounted_returns, generalized_advantages
 from hitmdp_jax.learning.optimization import Loss, adam, minibatch_epochs
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.surrogate import clipped_surrogate
@@ -146,7 +146,7 @@ class ScaledAgent(ClippedAgent):
         The entropy in the reward carries what actions do to later entropies, and not its own
         gradient (docs/errata.md, 16).
         """
-        return jnp.full_like(advantage, self.entropy_weight / spread(advantage))
+        return jnp.full_like(advantage, self.entropy_weight / deviation(advantage))
 
     def rescaled(self, state: ScaledState, value_target: jax.Array) -> ScaledState:
         """Return the state with its critic in the units of what it is about to be fitted to."""

@@ -13,7 +13,7 @@ from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.envs.spec import Spec, spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.metrics import REWARD_TERM, describe
-from hitmdp_jax.tracing import difference, is_array, told, traced
+from hitmdp_jax.tracing import difference, is_array, shown, traced
 
 CHECKED = ("hitmdp_jax", "brax")  # packages whose tasks are tested already
 PARTS = ("obs", "reward", "done", "metrics", "info")  # of a state
@@ -79,7 +79,7 @@ def _fault_of_arrays(env: Any) -> str | None:
     state = traced(_reset_of(env), jax.random.key(0))
     if missing := [part for part in PARTS if not hasattr(state, part)]:
         return (
-            f"its reset returns {told(state)} without {', '.join(missing)}, and training needs "
+            f"its reset returns {shown(state)} without {', '.join(missing)}, and training needs "
             f"{FORM}"
         )
     if jax.tree_util.all_leaves([state]):
@@ -92,12 +92,12 @@ def _fault_of_arrays(env: Any) -> str | None:
     ends = {"info['truncation']": state.info["truncation"]} if "truncation" in state.info else {}
     for part, x in {"reward": state.reward, "done": state.done, **ends}.items():
         if not is_array(x) or x.shape != () or not _is_real(x):
-            return f"its {part} is {told(x)} and must be one number, float32[]"
+            return f"its {part} is {shown(x)} and must be one number, float32[]"
     action = spec_of(env).action
     action = jax.ShapeDtypeStruct(action.shape, jnp.dtype(action.dtype))
     after = traced(_step_of(env), state, action)
     if type(after) is not type(state):
-        return f"its step returns {told(after)} and its reset {told(state)}"
+        return f"its step returns {shown(after)} and its reset {shown(state)}"
     return difference(state, after, "reset", "step")
 
 
@@ -130,14 +130,14 @@ class _Still:
 
 def _fault_of_observation(env: Any, obs: Any) -> str | None:
     if not is_array(obs):
-        return _of_several(obs) if jax.tree.leaves(obs) else f"its observation is {told(obs)}"
+        return _of_several(obs) if jax.tree.leaves(obs) else f"its observation is {shown(obs)}"
     if obs.ndim == 0 or not obs.size:
-        return f"its observation is {told(obs)} and must be a row of numbers, or an array of them"
+        return f"its observation is {shown(obs)} and must be a row of numbers, or an array of them"
     if not (_is_real(obs) or jnp.issubdtype(obs.dtype, jnp.bool_)):
-        return f"its observation is {told(obs)} and must be of real numbers"
+        return f"its observation is {shown(obs)} and must be of real numbers"
     own = getattr(env, "spec", None)
     if own is not None and obs.shape != own.observation.shape:
-        return f"its spec says {list(own.observation.shape)} and it observes {told(obs)}"
+        return f"its spec says {list(own.observation.shape)} and it observes {shown(obs)}"
     return None
 
 
@@ -150,7 +150,7 @@ def _fault_of_metrics(metrics: Any) -> str | None:
         if describe(name) is not REWARD_TERM and name not in OURS:
             return f"its metric '{name}' would hide the training's of that name: call it otherwise"
         if not is_array(x) or x.shape != () or not _is_real(x):
-            return f"its metric '{name}' is {told(x)} and must be one number"
+            return f"its metric '{name}' is {shown(x)} and must be one number"
     return None
 
 

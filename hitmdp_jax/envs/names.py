@@ -21,7 +21,7 @@ VELOCITIES = {
     mujoco.mjtJoint.mjJNT_SLIDE: ("velocity",),
     mujoco.mjtJoint.mjJNT_HINGE: ("velocity",),
 }
-DRAWS = 3  # of coordinates, by which an entry is recognised
+SAMPLES = 3  # of coordinates, by which an entry is recognised
 TOLERANCE = 1e-5
 FORMS = (("", ""), ("cos(", ")"), ("sin(", ")"))
 
@@ -41,7 +41,7 @@ def observation_names(
     """
     coordinates = position_names(model) + velocity_names(model)
     random = np.random.default_rng(0)
-    drawn = random.uniform(-1.0, 1.0, (DRAWS, len(coordinates))).astype(np.float32)
+    drawn = random.uniform(-1.0, 1.0, (SAMPLES, len(coordinates))).astype(np.float32)
     with jax.ensure_compile_time_eval():  # whoever asks first may be in the midst of tracing
         qpos, qvel = jnp.asarray(drawn[:, : model.nq]), jnp.asarray(drawn[:, model.nq :])
         seen = np.asarray(jax.jit(jax.vmap(observe))(qpos, qvel))

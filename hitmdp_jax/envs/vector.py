@@ -117,9 +117,9 @@ class VectorEnv:
             finished=ended & (clock == length),
             metrics=metrics,
         )
-        # Its place among those that ended in this step: summed up once they are all there.
-        place = on_every_device(jnp.cumsum(on_every_device(ended), dtype=jnp.int32))
-        fresh_index = (state.next_fresh + place - 1) % self.pool_size
+        # Its rank among those that ended in this step: summed up once they are all there.
+        rank = on_every_device(jnp.cumsum(on_every_device(ended), dtype=jnp.int32))
+        fresh_index = (state.next_fresh + rank - 1) % self.pool_size
 
         def restart(fresh: jax.Array, running: jax.Array) -> jax.Array:
             mask = ended.reshape(-1, *([1] * (running.ndim - 1)))
@@ -130,7 +130,7 @@ class VectorEnv:
             clock=jnp.where(ended, 0, clock),
             episode_return=jnp.where(ended, 0.0, episode_return),
             episode_length=jnp.where(ended, 0, length),
-            next_fresh=(state.next_fresh + place[-1]) % self.pool_size,
+            next_fresh=(state.next_fresh + rank[-1]) % self.pool_size,
         )
         return state, step
 

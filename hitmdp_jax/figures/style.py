@@ -64,14 +64,14 @@ class Style(NamedTuple):
     """How an arm is drawn: in its algorithm's colour, and unlike the algorithm's other arms."""
 
     color: str
-    place: int = 0  # among the algorithm's arms; 0 is a solid line
+    number: int = 0  # among the algorithm's arms; 0 is a solid line
 
     @property
     def dash(self) -> tuple[float, ...]:
         """The lengths of dashes and gaps, in widths of the line; none where it is solid."""
-        if not self.place:
+        if not self.number:
             return ()
-        longer, i = divmod(self.place - 1, len(DASHES))
+        longer, i = divmod(self.number - 1, len(DASHES))
         return tuple(length * (1 + longer) for length in DASHES[i])
 
     @property
@@ -88,7 +88,7 @@ class Style(NamedTuple):
     @property
     def marker(self) -> str:
         """What Matplotlib draws a point by."""
-        return MARKERS[self.place % len(MARKERS)]
+        return MARKERS[self.number % len(MARKERS)]
 
 
 def styles(arms: Mapping[str, str]) -> dict[str, Style]:
@@ -99,13 +99,13 @@ def styles(arms: Mapping[str, str]) -> dict[str, Style]:
     """
     found: dict[str, Style] = {}
     of_its_own = {
-        f"{algorithm}{variant}": place
+        f"{algorithm}{variant}": number
         for algorithm in arms.values()
-        for place, variant in enumerate(("", *VARIANTS))
+        for number, variant in enumerate(("", *VARIANTS))
     }
     for arm in sorted(arms, key=lambda arm: arm not in of_its_own):
-        places = itertools.chain([of_its_own.get(arm, 0)], itertools.count())
-        all_of_them = (Style(color(arms[arm]), place) for place in places)
+        numbers = itertools.chain([of_its_own.get(arm, 0)], itertools.count())
+        all_of_them = (Style(color(arms[arm]), number) for number in numbers)
         found[arm] = next(style for style in all_of_them if style not in found.values())
     return {arm: found[arm] for arm in arms}
 

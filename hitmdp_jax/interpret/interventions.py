@@ -202,8 +202,8 @@ def summary(interventions: Interventions) -> dict[str, float]:
     """
     mean = effects(interventions).mean
     chosen, alone = mean[: -interventions.num_options], mean[-interventions.num_options :]
-    told = (*chosen, alone.max(), alone.min())
-    return dict(zip((*OF_CHOICES, *OF_OPTIONS), map(float, told), strict=True))
+    values = (*chosen, alone.max(), alone.min())
+    return dict(zip((*OF_CHOICES, *OF_OPTIONS), map(float, values), strict=True))
 
 
 def table(interventions: Interventions) -> list[list[str]]:

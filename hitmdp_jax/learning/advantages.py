@@ -87,11 +87,11 @@ def discounted_returns(
     return generalized_advantages(reward, zero, zero, terminated, truncated, gamma, 1.0)
 
 
-def spread(x: jax.Array) -> jax.Array:
+def deviation(x: jax.Array) -> jax.Array:
     """Return what `standardize` divides x by: what else a loss weighs x against has its units."""
     return x.std() + 1e-8
 
 
 def standardize(x: jax.Array) -> jax.Array:
     """Return x with mean 0 and standard deviation 1 over all its entries."""
-    return (x - x.mean()) / spread(x)
+    return (x - x.mean()) / deviation(x)
