@@ -31,11 +31,6 @@ def test_every_function_that_the_page_names_exists(page):
     assert {name for name in named if not any(hasattr(m, name) for m in modules)} == set()
 
 
-def test_all_lists_every_public_name_and_nothing_else():
-    assert sorted(theory.__all__) == sorted(set(theory.__all__))
-    assert all(hasattr(theory, name) for name in theory.__all__)
-
-
 def test_no_module_is_long():
     for path in (ROOT / "hitmdp_jax/theory").glob("*.py"):
         assert len(path.read_text().splitlines()) < 200, path.name
