@@ -16,13 +16,8 @@ from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.episodes import run_episodes
-from tests.envs.suites.gym.parity import (
-    assert_near,
-    gymnasium_env,
-    our_steps,
-    random_actions,
-    random_states,
-)
+from tests.envs.suites.gym.oracle import GymnasiumTask
+from tests.envs.suites.parity import assert_near, our_steps, random_actions, random_states
 from tests.probes import Counter, untrained_policy
 
 REPEAT, ACTIONS, STATES = 6, 3, 20
@@ -30,13 +25,12 @@ REPEAT, ACTIONS, STATES = 6, 3, 20
 
 def held_in_gymnasium(oracle, qpos, qvel, actions):
     """Return (observation, reward, terminated, reward terms) of one episode [T], held by hand."""
-    oracle.reset()
-    oracle.set_state(np.float64(qpos), np.float64(qvel))
+    oracle.set_state(qpos, qvel)
     seen = []
     for action in actions:
         total, terms = 0.0, {"reward_forward": 0.0, "reward_survive": 0.0}
         for _ in range(REPEAT):
-            obs, reward, terminated, _, info = oracle.step(action)
+            obs, reward, terminated, info = oracle.step(action)
             total += reward
             terms = {name: terms[name] + info[name] for name in terms}
             if terminated:
@@ -48,7 +42,7 @@ def held_in_gymnasium(oracle, qpos, qvel, actions):
 
 
 def test_rewards_add_up_as_in_a_loop_around_gymnasium_until_the_task_ends_the_episode():
-    oracle = gymnasium_env("hopper", "v5")
+    oracle = GymnasiumTask("hopper")
     env = make_env("hopper", physics="native", action_repeat=REPEAT)
     qpos, qvel = random_states(oracle, num_states=STATES)
     actions = random_actions(oracle, (ACTIONS, STATES), np.random.default_rng(1))

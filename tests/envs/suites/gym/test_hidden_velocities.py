@@ -5,10 +5,10 @@ import pytest
 from hitmdp_jax import make_env
 from hitmdp_jax.envs import check_env
 from hitmdp_jax.errors import UsageError
-from tests.envs.suites.gym.parity import (
+from tests.envs.suites.gym.oracle import GymnasiumTask
+from tests.envs.suites.parity import (
     assert_near,
-    gymnasium_env,
-    gymnasium_steps,
+    oracle_steps,
     our_steps,
     random_actions,
     random_states,
@@ -19,11 +19,11 @@ POSITIONS = {"halfcheetah": 8, "walker2d": 8, "hopper": 5, "swimmer": 3, "invert
 
 @pytest.mark.parametrize("name", POSITIONS)
 def test_observation_is_gymnasiums_without_its_velocities_and_all_else_is_the_same(name):
-    oracle = gymnasium_env(name, "v5")
+    oracle = GymnasiumTask(name)
     env = make_env(name, physics="native", hide_velocities=True)
     qpos, qvel = random_states(oracle, num_states=20)
     actions = random_actions(oracle, (2, len(qpos)), np.random.default_rng(1))
-    desired = gymnasium_steps(oracle, qpos, qvel, actions)
+    desired = oracle_steps(oracle, qpos, qvel, actions)
     actual = our_steps(env, qpos, qvel, actions)
     assert env.observation_size == POSITIONS[name]
     for step in range(2):

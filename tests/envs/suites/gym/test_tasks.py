@@ -1,12 +1,15 @@
 """Every task and version steps, ends and starts as Gymnasium's of that name."""
 
+import numpy as np
 import pytest
 
-from tests.envs.suites.gym.parity import (
-    GYMNASIUM_NAMES,
-    MjxWithEllipticCones,
+from hitmdp_jax import make_env
+from tests.envs.suites.gym.oracle import GYMNASIUM_NAMES, GymnasiumTask, MjxWithEllipticCones
+from tests.envs.suites.gym.trained_states import trained_states
+from tests.envs.suites.parity import (
     assert_initial_states_agree,
     assert_steps_agree,
+    random_states,
 )
 
 VERSIONS = ("v4", "v5")
@@ -68,10 +71,22 @@ KEYWORDS = [  # task, versions that take them, keywords
 ]
 
 
+def assert_agree(name, version, physics, keywords=None, **how):
+    """From 100 states of random trajectories, healthy or not, and 100 of a trained policy's.
+
+    Gymnasium gets the solver and the friction cones of our model, which are its own in MuJoCo C.
+    """
+    keywords = keywords or {}
+    env = make_env(name, physics=physics, version=version, **keywords)
+    oracle = GymnasiumTask(name, version, **keywords).as_in(env)
+    states = zip(random_states(oracle), trained_states(name), strict=True)
+    assert_steps_agree(env, oracle, [np.concatenate(parts) for parts in states], **how)
+
+
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("name", GYMNASIUM_NAMES)
 def test_native_steps_as_gymnasium(name, version):
-    assert_steps_agree(name, version, "native")
+    assert_agree(name, version, "native")
 
 
 @pytest.mark.parametrize(
@@ -81,7 +96,7 @@ def test_native_steps_as_gymnasium(name, version):
 def test_keywords_mean_what_they_mean_in_gymnasium(name, version, keywords):
     # With contact forces in version 4, Gymnasium reports their cost as its `reward_ctrl`.
     ignored = ["reward_ctrl"] if keywords.get("use_contact_forces") else []
-    assert_steps_agree(name, version, "native", ignored_terms=ignored, **keywords)
+    assert_agree(name, version, "native", keywords, ignored=ignored)
 
 
 @pytest.mark.parametrize(
@@ -92,10 +107,11 @@ def test_mjx_steps_as_gymnasium(name):
     """In version 5: what distinguishes version 4 is the same code in every engine."""
     how = CONTACTS if name in ("ant", "humanoid", "humanoidstandup") else {}
     engine = MjxWithEllipticCones(full_budget=True) if name == "ant" else "mjx"
-    assert_steps_agree(name, "v5", engine, num_steps=1, **how)
+    assert_agree(name, "v5", engine, num_steps=1, **how)
 
 
 @pytest.mark.parametrize("name", GYMNASIUM_NAMES)
 def test_initial_states_are_gymnasiums(name):
     keywords = {} if name == "reacher" else {"reset_noise_scale": 0.2}
-    assert_initial_states_agree(name, "v5", **keywords)
+    env = make_env(name, physics="native", **keywords)
+    assert_initial_states_agree(env, GymnasiumTask(name, **keywords), 10_000, bound=0.01)
