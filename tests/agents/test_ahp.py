@@ -8,7 +8,6 @@ from scipy.special import expit
 
 from hitmdp_jax.agents import AHP
 from hitmdp_jax.learning.options import OptionMemory
-from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     SMALL,
     B,
@@ -23,10 +22,7 @@ from tests.agents.option_batches import (
     random_batch,
 )
 
-
-@pytest.fixture
-def agent():
-    return Compiled(AHP(**SMALL))
+AGENT = AHP(**SMALL)
 
 
 @pytest.fixture

@@ -3,42 +3,20 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from scipy.special import expit
 
 from hitmdp_jax.agents import DAC
-from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     SMALL,
-    B,
     K,
-    T,
     assert_ascends,
-    flatten,
     log_density,
     normal,
     option_probabilities,
-    random_batch,
 )
 from tests.programs import compiled
 
-
-@pytest.fixture
-def agent():
-    return Compiled(DAC(**SMALL))
-
-
-@pytest.fixture
-def data(agent, params):
-    """A rollout as the losses read it, with made-up advantages and exact values."""
-    batch = random_batch()
-    data, _ = agent.targets(params, batch)
-    values, advantage = agent.values(params, batch), normal(np.random.default_rng(1), 2, T, B)
-    return flatten(
-        data
-        | {"advantage_option": advantage[0], "value_target": values.value}
-        | {"advantage_action": advantage[1], "q_target": values.q}
-    )
+AGENT = DAC(**SMALL)
 
 
 def pi_hat(agent, params, sample):

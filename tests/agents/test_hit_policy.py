@@ -8,10 +8,7 @@ from tests.agents.compiled import Compiled
 from tests.agents.option_batches import SMALL, A, B, K, O, T, normal, random_params
 from tests.programs import compiled
 
-
-@pytest.fixture
-def agent():
-    return Compiled(MOPG(**SMALL))
+AGENT = MOPG(**SMALL)
 
 
 def test_initial_options_are_uniform(agent, key):

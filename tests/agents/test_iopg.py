@@ -9,7 +9,6 @@ from scipy.special import log_softmax
 
 from hitmdp_jax.agents import IOPG
 from hitmdp_jax.agents.iopg import BeliefMemory
-from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     SMALL,
     B,
@@ -23,10 +22,7 @@ from tests.agents.option_batches import (
 )
 from tests.programs import compiled
 
-
-@pytest.fixture
-def agent():
-    return Compiled(IOPG(**SMALL))
+AGENT = IOPG(**SMALL)
 
 
 @pytest.fixture

@@ -16,10 +16,7 @@ from tests.agents.option_batches import SMALL, B, K, T, flatten, random_batch
 from tests.learning.test_advantages import advantages_by_loop
 from tests.programs import compiled
 
-
-@pytest.fixture
-def agent():
-    return Compiled(MOPG(switching_cost=0.0, usage_weight=0.0, **SMALL))
+AGENT = MOPG(switching_cost=0.0, usage_weight=0.0, **SMALL)
 
 
 @pytest.fixture

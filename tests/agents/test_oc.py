@@ -20,10 +20,7 @@ from tests.agents.option_batches import (
     random_batch,
 )
 
-
-@pytest.fixture
-def agent():
-    return Compiled(OC(**SMALL))
+AGENT = OC(**SMALL)
 
 
 @pytest.fixture

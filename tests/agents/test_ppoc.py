@@ -3,36 +3,16 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from hitmdp_jax.agents import PPOC
-from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
     SMALL,
-    B,
-    T,
     assert_ascends,
-    flatten,
     log_density,
-    normal,
     option_probabilities,
-    random_batch,
 )
 
-
-@pytest.fixture
-def agent():
-    return Compiled(PPOC(**SMALL))
-
-
-@pytest.fixture
-def data(agent, params):
-    """A rollout as the loss reads it, with made-up advantages and exact values."""
-    batch = random_batch()
-    data, _ = agent.targets(params, batch)
-    advantage = normal(np.random.default_rng(1), 2, T, B)
-    data |= {"advantage_option": advantage[0], "advantage_action": advantage[1]}
-    return flatten(data | {"q_target": agent.values(params, batch).q})
+AGENT = PPOC(**SMALL)
 
 
 def test_gradient_at_the_old_policy_is_the_option_critics(agent, params, data):
