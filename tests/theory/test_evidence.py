@@ -5,17 +5,12 @@ import pytest
 from hypothesis import given
 from scipy.special import logsumexp
 
-from hitmdp_jax.theory import HiTMDP, elbo_objective, evidence, option_log_posterior
-from hitmdp_jax.theory.hit_mdp import entropy
-from tests.programs import compiled
+from hitmdp_jax.theory import HiTMDP
+from tests.theory import exact
 
 from .strategies import TINY, distributions, few, hit_mdps, random_hit_mdp, with_start
 
 T = 2
-enumerated = compiled(evidence, static_argnums=2)
-posterior = compiled(option_log_posterior)
-entropies = compiled(entropy)
-recursive = compiled(elbo_objective, static_argnums=2)
 
 S, K, A = TINY
 
@@ -36,7 +31,7 @@ def one_state(reward, master, action, information=0.0):
 @few
 @given(with_start(hit_mdps(TINY, interior=False), interior=True))
 def test_theorem_4_1_log_evidence_is_elbo_plus_kl(drawn):
-    result = enumerated(*drawn, T)
+    result = exact.evidence(*drawn, T)
     np.testing.assert_allclose(result.log_evidence, result.elbo + result.kl, rtol=1e-12, atol=1e-12)
     assert result.kl >= -1e-12
     assert result.log_evidence <= 1e-12
@@ -48,17 +43,22 @@ def test_theorem_4_1_elbo_is_the_soft_return_up_to_a_constant(drawn):
     hit, start = drawn
     constant = T * (np.log(K * A) + hit.reward.max() + hit.information.max())
     np.testing.assert_allclose(
-        recursive(hit, start, T) - constant, enumerated(hit, start, T).elbo, rtol=0, atol=1e-11
+        exact.elbo_objective(hit, start, T) - constant,
+        exact.evidence(hit, start, T).elbo,
+        rtol=0,
+        atol=1e-11,
     )
 
 
 def test_theorem_4_1_with_three_steps():
     hit = random_hit_mdp(shape=TINY)
     start = np.array([[0.1, 0.2], [0.3, 0.4]])
-    result = enumerated(hit, start, 3)
+    result = exact.evidence(hit, start, 3)
     assert float(result.log_evidence) == pytest.approx(float(result.elbo + result.kl))
     constant = 3 * (np.log(K * A) + float(hit.reward.max()))
-    assert float(recursive(hit, start, 3)) - constant == pytest.approx(float(result.elbo))
+    assert float(exact.elbo_objective(hit, start, 3)) - constant == pytest.approx(
+        float(result.elbo)
+    )
 
 
 def test_eq_43_as_printed_drops_the_log_evidence():
@@ -66,7 +66,7 @@ def test_eq_43_as_printed_drops_the_log_evidence():
     # action that pays -1 can be non-optimal, so q(e) < 1. (True: log q(e) = ELBO + KL.)
     optimal = np.exp([0.0, -1.0]) / np.exp([0.0, -1.0]).sum()
     hit = one_state([0.0, -1.0], [1.0], [optimal])
-    result = enumerated(hit, np.ones((1, 1)), T)
+    result = exact.evidence(hit, np.ones((1, 1)), T)
     assert float(result.kl) == pytest.approx(0.0, abs=1e-12)
     assert float(result.log_evidence) == pytest.approx(T * np.log((1 + np.exp(-1)) / 2))
     assert result.log_evidence < -result.kl
@@ -84,7 +84,7 @@ def test_eq_10_as_printed_cannot_tell_good_states_from_bad():
     def objective(to_state_1, reward):
         action = np.array([[[to_state_1, 1 - to_state_1], [0.5, 0.5], [0.5, 0.5]]])
         hit = HiTMDP(transition, reward, np.ones((3, 1, 1)), action, 1.0)
-        return float(recursive(hit, start, 2))
+        return float(exact.elbo_objective(hit, start, 2))
 
     printed = reward - logsumexp(reward, axis=1, keepdims=True)
     assert objective(0.8, printed) == pytest.approx(objective(0.2, printed))
@@ -103,7 +103,7 @@ def test_random_dynamics_keep_the_bound_from_being_tight(policy):
         action=policy[None],
         gamma=1.0,
     )
-    gap = enumerated(hit, np.array([[1.0], [0.0]]), 2).kl
+    gap = exact.evidence(hit, np.array([[1.0], [0.0]]), 2).kl
     assert gap >= np.log((1 + np.e) / 2) - 0.5 - 1e-12
 
 
@@ -114,9 +114,9 @@ def test_evidence_ignores_the_policies_if_i_is_the_option_posterior(drawn, other
     other = dataclasses.replace(hit, master=other_master)
     levels = []
     for model in (hit, other):
-        information = posterior(model)
+        information = exact.option_log_posterior(model)
         np.testing.assert_allclose(np.exp(information).sum(2), 1.0, atol=1e-12)
-        result = enumerated(dataclasses.replace(model, information=information), start, T)
+        result = exact.evidence(dataclasses.replace(model, information=information), start, T)
         levels.append(float(result.log_evidence) + T * float(information.max()))
     assert levels[0] == pytest.approx(levels[1], abs=1e-11)
 
@@ -129,7 +129,7 @@ def test_elbo_and_kl_disagree_if_i_depends_on_the_policies_otherwise():
         information = np.log(action) - np.log(master @ action)
         hit = one_state([0.0, 0.0], master, action, information[None, None])
         start = np.full((1, 2), 0.5)
-        return float(recursive(hit, start, 1)), float(enumerated(hit, start, 1).kl)
+        return float(exact.elbo_objective(hit, start, 1)), float(exact.evidence(hit, start, 1).kl)
 
     elbo, kl = scores([[0.1, 0.9], [0.9, 0.1]])
     other_elbo, other_kl = scores([[0.1, 0.9], [0.1, 0.9]])
@@ -156,8 +156,8 @@ def test_eq_44_may_not_drop_the_option_entropy():
             action,
             1.0,
         )
-        full = recursive(hit, start, 2)
-        option_entropy = to_state_1 * entropies(master)[1]
+        full = exact.elbo_objective(hit, start, 2)
+        option_entropy = to_state_1 * exact.entropy(master)[1]
         return float(full), float(full - option_entropy)
 
     (best, dropped), (even, dropped_even) = objectives(2 / 3), objectives(1 / 2)

@@ -8,7 +8,6 @@ from hypothesis import given
 
 from hitmdp_jax.theory import (
     HiTMDP,
-    action_policy_gradient,
     evaluate,
     hidden_values,
     hit_mdp,
@@ -17,9 +16,9 @@ from hitmdp_jax.theory import (
     objective,
     occupancy,
     option_log_posterior,
-    policy_gradient,
 )
 from tests.programs import compiled
+from tests.theory import exact
 
 from .strategies import (
     SHAPE,
@@ -32,12 +31,6 @@ from .strategies import (
 )
 
 S, K, A = SHAPE
-solve = compiled(hidden_values)
-master_formula = compiled(master_policy_gradient)
-action_formula = compiled(action_policy_gradient)
-both_formulas = compiled(policy_gradient)
-visit = compiled(occupancy)
-worth = compiled(objective)
 EXACT = {"rtol": 1e-8, "atol": 1e-8}
 
 
@@ -74,14 +67,14 @@ def softmax(logits, hit):
 @few
 @given(with_start(hit_mdps()))
 def test_theorem_4_2_master_policy_gradient_is_autodiffs(drawn):
-    formula = master_formula(*drawn)
+    formula = exact.master_policy_gradient(*drawn)
     np.testing.assert_allclose(formula, master_autodiff(*drawn), **EXACT)
 
 
 @few
 @given(with_start(hit_mdps()))
 def test_theorem_4_3_action_policy_gradient_is_autodiffs(drawn):
-    formula = action_formula(*drawn)
+    formula = exact.action_policy_gradient(*drawn)
     np.testing.assert_allclose(formula, action_autodiff(*drawn), **EXACT)
 
 
@@ -90,7 +83,7 @@ def test_theorem_4_3_action_policy_gradient_is_autodiffs(drawn):
 def test_gradient_of_softmax_policies_is_autodiffs(drawn):
     hit, start = drawn
     logits = np.log(hit.master), np.log(hit.action)
-    gradient = both_formulas(hit, start)
+    gradient = exact.policy_gradient(hit, start)
     formula = through_softmax(logits, (gradient.master, gradient.action))
     expected = softmax_autodiff(logits, hit, start)
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, **EXACT), formula, expected)
@@ -112,8 +105,8 @@ def test_gradients_at_one_augmented_state_as_the_theorems_state_them():
         return jax.grad(v_bar)(hit.master), jax.grad(q_option)(hit.action)
 
     master, action = at_one(hit)
-    np.testing.assert_allclose(master_formula(hit, one), master, **EXACT)
-    np.testing.assert_allclose(action_formula(hit, one), action, **EXACT)
+    np.testing.assert_allclose(exact.master_policy_gradient(hit, one), master, **EXACT)
+    np.testing.assert_allclose(exact.action_policy_gradient(hit, one), action, **EXACT)
 
 
 def test_theorem_4_2_through_eq_22_is_the_termination_gradient_theorem():
@@ -136,7 +129,7 @@ def test_theorem_4_2_through_eq_22_is_the_termination_gradient_theorem():
 
 def test_discounted_visits_sum_to_the_horizon():
     hit, start = random_hit_mdp(), np.full((S, K), 1 / (S * K))
-    assert float(visit(hit, start).sum()) == pytest.approx(10.0)
+    assert float(exact.occupancy(hit, start).sum()) == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize("choice", ["option_log_posterior", "action_information"])
@@ -173,11 +166,11 @@ def test_eq_14_as_printed_is_not_zero_where_the_policy_cannot_change():
         random_hit_mdp(shape=(1, 2, 2)), master=np.full((1, 2, 2), 0.5), option_entropy=1.0
     )
     start = np.array([[1.0, 0.0]])
-    visited = visit(hit, start)
+    visited = exact.occupancy(hit, start)
     no_change = np.zeros((1, 2, 2))
-    q_option = solve(hit).q_option[:, None]
+    q_option = exact.hidden_values(hit).q_option[:, None]
     printed = (visited * ((no_change * q_option).sum(-1) + np.log(2.0))).sum()
-    right = (no_change * master_formula(hit, start)).sum()
+    right = (no_change * exact.master_policy_gradient(hit, start)).sum()
     assert float(printed) == pytest.approx(10 * np.log(2))
     assert right == 0.0
 
@@ -239,7 +232,7 @@ def test_algorithm_1_as_printed_prefers_the_worse_option():
         action=np.broadcast_to(np.eye(2)[:, None], (2, 5, 2)),
         gamma=0.9,
     )
-    values = solve(hit)
+    values = exact.hidden_values(hit)
     q_option, v_bar = values.q_option[:, None], values.v_bar[:, :, None]
     right = expected_advantage(hit, q_option - v_bar, 1.0)
     printed = expected_advantage(hit, q_option - hit.gamma * v_bar, 1.0)
@@ -258,10 +251,10 @@ def test_a_small_step_towards_another_policy_gains_what_the_gradient_says(drawn,
     direction, step = other - hit.master, 1e-5
 
     def along(t):
-        return worth(dataclasses.replace(hit, master=hit.master + t * direction), start)
+        return exact.objective(dataclasses.replace(hit, master=hit.master + t * direction), start)
 
     slope = (along(step) - along(-step)) / (2 * step)
-    formula = (master_formula(hit, start) * direction).sum()
+    formula = (exact.master_policy_gradient(hit, start) * direction).sum()
     np.testing.assert_allclose(slope, formula, rtol=1e-3, atol=1e-4)
 
 
@@ -270,6 +263,8 @@ def test_the_two_streams_of_algorithm_1_drop_terms_of_the_action_gradient():
     # rewards the action policy with H(pi_A) alone; the ELBO's gradient has the others too.
     hit, start = random_hit_mdp(5), np.full((S, K), 1 / (S * K))
     rewarded = dataclasses.replace(hit, option_entropy=1.0)
-    dropped = both_formulas(rewarded, start).action - both_formulas(hit, start).action
+    dropped = (
+        exact.policy_gradient(rewarded, start).action - exact.policy_gradient(hit, start).action
+    )
     dropped -= dropped.mean(-1, keepdims=True)  # what is the same for every action moves nothing
     assert np.abs(dropped).max() > 1e-2

@@ -9,19 +9,13 @@ from scipy.special import logsumexp
 
 from hitmdp_jax.theory import (
     HiTMDP,
-    hidden_values,
-    improve,
     optimality_operator,
-    policy_iteration,
 )
-from tests.programs import compiled
+from tests.theory import exact
 
 from .strategies import SHAPE, distributions, few, hit_mdps, random_hit_mdp, tables
 
 S, K, A = SHAPE
-solve = compiled(hidden_values)
-iterate = compiled(policy_iteration, static_argnums=1)
-better = compiled(improve)
 
 
 @jax.jit
@@ -41,7 +35,7 @@ def separable(hit, f, g):
 @given(hit_mdps(interior=False), tables(S, K, A), tables(S, K, K))
 def test_theorem_e_2_values_never_fall(hit, f, g):
     hit = separable(hit, f, g)
-    _, history = iterate(hit, 6)
+    _, history = exact.policy_iteration(hit, 6)
     for values in (history.v_bar, history.q_action):
         rise = np.diff(np.asarray(values), axis=0)
         assert rise.min() >= -1e-8 * (1 + np.abs(values).max())
@@ -57,10 +51,10 @@ def test_theorem_e_2_values_never_fall(hit, f, g):
 )
 def test_theorem_e_2_converges_to_the_best_policies(hit, f, g, master, action):
     hit = separable(hit, f, g)
-    best, _ = iterate(hit, 40)
-    reached = solve(best).q_action
+    best, _ = exact.policy_iteration(hit, 40)
+    reached = exact.hidden_values(best).q_action
     np.testing.assert_allclose(reached, optimum(hit), rtol=1e-6, atol=1e-6)
-    other = solve(dataclasses.replace(hit, master=master, action=action)).q_action
+    other = exact.hidden_values(dataclasses.replace(hit, master=master, action=action)).q_action
     assert np.all(other <= reached + 1e-6)
 
 
@@ -68,7 +62,7 @@ def test_soft_optimum_is_the_log_sum_exp_recursion():
     rng = np.random.default_rng(3)
     f, g = np.asarray(rng.normal(size=(S, K, A))), np.asarray(rng.normal(size=(S, K, K)))
     hit = separable(random_hit_mdp(1, option_entropy=1.0, action_entropy=1.0), f, g)
-    q = solve(iterate(hit, 40)[0]).q_action
+    q = exact.hidden_values(exact.policy_iteration(hit, 40)[0]).q_action
     v_bar = logsumexp(logsumexp(q + f, axis=-1)[:, None] + g, axis=-1)
     again = hit.reward[:, None] + hit.gamma * np.einsum("sat,to->soa", hit.transition, v_bar)
     np.testing.assert_allclose(again, q, rtol=1e-9)
@@ -76,20 +70,20 @@ def test_soft_optimum_is_the_log_sum_exp_recursion():
 
 def test_without_information_the_best_master_policy_forgets_the_option():
     hit = random_hit_mdp(2, option_entropy=0.3, action_entropy=0.3)
-    best, _ = iterate(hit, 40)
+    best, _ = exact.policy_iteration(hit, 40)
     assert np.abs(hit.master - hit.master[:, :1]).max() > 0.1
     np.testing.assert_allclose(best.master, best.master[:, :1].repeat(K, 1), atol=1e-9)
 
 
 def test_a_bonus_for_staying_makes_options_persist():
     hit = random_hit_mdp(2, information=5.0 * np.eye(K)[None, :, :, None])
-    best, _ = iterate(hit, 40)
+    best, _ = exact.policy_iteration(hit, 40)
     np.testing.assert_allclose(best.master, np.broadcast_to(np.eye(K), (S, K, K)), atol=1e-9)
 
 
 def test_ties_are_shared_evenly():
     hit = dataclasses.replace(random_hit_mdp(), reward=np.zeros((S, A)))
-    even = better(hit)
+    even = exact.improve(hit)
     np.testing.assert_allclose(even.action, 1 / A)
     np.testing.assert_allclose(even.master, 1 / K)
 
@@ -112,9 +106,11 @@ def test_theorem_e_2_needs_an_information_that_splits():
     # V-bar[., 0] = p and V-bar[., 1] = 1 - p for p = pi_A(0 | option 0): what helps one augmented
     # state hurts the other, so no policy is best for all of them, and improvement cannot be either.
     for p in (0.0, 0.3, 1.0):
-        np.testing.assert_allclose(solve(conflict(p)).v_bar[0], [p, 1 - p], atol=1e-12)
-    before, after = conflict(0.9), better(conflict(0.9))
-    fall = solve(after).v_bar - solve(before).v_bar
+        np.testing.assert_allclose(
+            exact.hidden_values(conflict(p)).v_bar[0], [p, 1 - p], atol=1e-12
+        )
+    before, after = conflict(0.9), exact.improve(conflict(0.9))
+    fall = exact.hidden_values(after).v_bar - exact.hidden_values(before).v_bar
     assert fall.min() < -0.3
 
 
@@ -129,6 +125,8 @@ def test_theorem_e_2_holds_with_equality_for_other_policies_too():
         gamma=0.9,
     )
     worse = dataclasses.replace(hit, action=np.array([[[1.0, 0.0], [0.0, 1.0]]]))
-    assert solve(worse).v_bar[0, 0] == pytest.approx(9.0)
-    assert solve(hit).v_bar[0, 0] == pytest.approx(10.0)
-    np.testing.assert_array_equal(solve(worse).q_action, solve(hit).q_action)
+    assert exact.hidden_values(worse).v_bar[0, 0] == pytest.approx(9.0)
+    assert exact.hidden_values(hit).v_bar[0, 0] == pytest.approx(10.0)
+    np.testing.assert_array_equal(
+        exact.hidden_values(worse).q_action, exact.hidden_values(hit).q_action
+    )

@@ -9,26 +9,17 @@ from hitmdp_jax import UsageError
 from hitmdp_jax.theory import (
     check,
     evaluate,
-    initiable_master_policy,
     markovian_master_policy,
-    mixture_master_policy,
-    sample_option_model,
 )
-from tests.programs import compiled
+from tests.theory import exact
 
 from .strategies import few, option_models, random_option_model
-
-sample = compiled(sample_option_model, static_argnums=(1, 2, 3))
-markovian = compiled(markovian_master_policy)
-mixture = compiled(mixture_master_policy)
-initiable = compiled(initiable_master_policy)
-solve = compiled(evaluate)
 
 
 @few
 @given(option_models())
 def test_eq_22_is_a_distribution_and_agrees_with_a_loop(model):
-    policy = np.asarray(markovian(model))
+    policy = np.asarray(exact.markovian_master_policy(model))
     num_states, num_options = model.master.shape
     for s in range(num_states):
         for before in range(num_options):
@@ -41,7 +32,7 @@ def test_eq_22_is_a_distribution_and_agrees_with_a_loop(model):
 
 def test_mixture_master_policy_goes_on_or_picks_anew():
     model = random_option_model()
-    go_on, pick = mixture(model)
+    go_on, pick = exact.mixture_master_policy(model)
     np.testing.assert_array_equal(go_on, np.broadcast_to(np.eye(3), go_on.shape))
     np.testing.assert_array_equal(pick[:, 0], model.master)
     np.testing.assert_array_equal(pick[:, 1], model.master)
@@ -51,7 +42,7 @@ def test_mixture_master_policy_goes_on_or_picks_anew():
 @given(option_models())
 def test_an_smdp_persists_with_trace_at_least_one(model):
     # sum_k (1 - beta_k) + beta_k mu_k = K - sum_k beta_k (1 - mu_k) >= K - (K - 1)
-    trace = np.trace(markovian(model), axis1=1, axis2=2)
+    trace = np.trace(exact.markovian_master_policy(model), axis1=1, axis2=2)
     assert float(trace.min()) >= 1 - 1e-12
     alternation = np.eye(2)[::-1]
     assert np.trace(alternation) == 0  # so this HiT-MDP master policy is no SMDP's
@@ -61,9 +52,11 @@ def test_initiation_sets_bar_starting_but_not_continuing():
     model = random_option_model()
     initiation = np.array([[True, True], [False, True], [False, True]])  # only 0 in state 0
     barred = dataclasses.replace(model, initiation=initiation)
-    assert initiable(barred)[0].tolist() == [1.0, 0.0, 0.0]
-    np.testing.assert_allclose(initiable(barred)[1:], model.master[1:], rtol=1e-14)
-    policy = markovian(barred)
+    assert exact.initiable_master_policy(barred)[0].tolist() == [1.0, 0.0, 0.0]
+    np.testing.assert_allclose(
+        exact.initiable_master_policy(barred)[1:], model.master[1:], rtol=1e-14
+    )
+    policy = exact.markovian_master_policy(barred)
     assert policy[0, 0, 1] == 0
     assert policy[0, 1, 1] == pytest.approx(1 - float(model.termination[1, 0]))
     np.testing.assert_allclose(policy.sum(-1), 1.0, atol=1e-14)
@@ -72,7 +65,9 @@ def test_initiation_sets_bar_starting_but_not_continuing():
 def test_initiation_sets_of_all_states_change_nothing():
     model = random_option_model()
     everywhere = dataclasses.replace(model, initiation=np.ones((3, 2), bool))
-    np.testing.assert_allclose(solve(everywhere).v_bar, solve(model).v_bar, rtol=1e-13)
+    np.testing.assert_allclose(
+        exact.evaluate(everywhere).v_bar, exact.evaluate(model).v_bar, rtol=1e-13
+    )
 
 
 def test_check_accepts_a_valid_model():
@@ -82,7 +77,7 @@ def test_check_accepts_a_valid_model():
 
 @pytest.mark.parametrize("concentration", [0.1, 1.0])
 def test_sampled_models_are_valid(key, concentration):
-    model = check(sample(key, 5, 3, 2, 0.9, concentration))
+    model = check(exact.sample_option_model(key, 5, 3, 2, 0.9, concentration))
     assert {x.dtype for x in jax.tree.leaves(model)[:-1]} == {np.dtype("float64")}
 
 

@@ -14,6 +14,7 @@ from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.theory import HiTMDP, hidden_values, objective, occupancy
 from hitmdp_jax.theory.hit_mdp import entropy
 from tests.programs import compiled
+from tests.theory import exact
 
 from .strategies import SHAPE, random_hit_mdp
 
@@ -36,7 +37,6 @@ class TabularMOPG(MOPG):
         return params["q"][obs.argmax(-1)]
 
 
-visit = compiled(occupancy)
 ENTROPY = 0.3
 PURE = {"switching_cost": 0.0, "usage_weight": 0.0}  # the ELBO alone
 AGENT = TabularMOPG(num_options=K, gae_lambda=0.0, entropy_weight=ENTROPY, **PURE)
@@ -56,9 +56,6 @@ def as_params(hit):
         "q": hidden_values(hit).q_option,
         "critic": {"scale": jnp.ones(())},
     }
-
-
-params_of = compiled(as_params)
 
 
 @compiled
@@ -128,7 +125,7 @@ def test_entropy_in_the_reward_lacks_the_gradient_of_the_entropy_at_hand():
     none = {f"entropy_weight_{name}": 0.0 for name in ("option", "action")}
     gradient = surrogate_gradient(params, data | none)
 
-    visited = (1 - hit.gamma) * visit(hit, START)
+    visited = (1 - hit.gamma) * exact.occupancy(hit, START)
     executed = np.einsum("sp,spo->so", visited, hit.master)
 
     def bonus(params):
@@ -137,9 +134,9 @@ def test_entropy_in_the_reward_lacks_the_gradient_of_the_entropy_at_hand():
         return ENTROPY * (option_entropy + action_entropy)
 
     policies = {name: params[name] for name in ("master", "action")}
-    missing, exact = compiled(jax.grad(bonus))(policies), exact_gradient(hit, START)
+    missing, whole = compiled(jax.grad(bonus))(policies), exact_gradient(hit, START)
     for name in ("master", "action"):
-        np.testing.assert_allclose(gradient[name] + missing[name], exact[name], atol=1e-10)
+        np.testing.assert_allclose(gradient[name] + missing[name], whole[name], atol=1e-10)
         assert np.abs(missing[name]).max() > 1e-3
 
 
@@ -147,10 +144,10 @@ def test_mopg_targets_and_loss_estimate_the_exact_gradient_from_samples():
     # The agent's own targets (GAE of one step from the exact soft critic, standardised) on states
     # drawn from the discounted visits. Standardising divides both gradients by a deviation.
     hit, count = soft(), 800_000
-    batch, params = draw_steps(hit, START, count), params_of(hit)
+    batch, params = draw_steps(hit, START, count), compiled(as_params)(hit)
     targets, _ = compiled(AGENT.targets)(params, batch)
     data = {name: x[0] for name, x in targets.items()}  # of the rollout's one step
-    gradient, exact = surrogate_gradient(params, data), exact_gradient(hit, START)
+    gradient, whole = surrogate_gradient(params, data), exact_gradient(hit, START)
     scale = {
         "master": raw_advantage(hit, batch, option=True).std(),
         "action": raw_advantage(hit, batch, option=False).std(),
@@ -159,8 +156,8 @@ def test_mopg_targets_and_loss_estimate_the_exact_gradient_from_samples():
         estimate = scale[name] * gradient[name]
         # |d log pi / d logit| <= 1 and |dH / d logit| < 1, which bounds the standard error.
         tolerance = 4 * (float(scale[name]) + ENTROPY) / np.sqrt(count)
-        np.testing.assert_allclose(estimate, exact[name], rtol=0, atol=tolerance)
-        assert tolerance < 0.25 * np.abs(exact[name]).max()
+        np.testing.assert_allclose(estimate, whole[name], rtol=0, atol=tolerance)
+        assert tolerance < 0.25 * np.abs(whole[name]).max()
 
 
 @functools.partial(compiled, static_argnames="count")

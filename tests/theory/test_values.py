@@ -7,18 +7,12 @@ from hypothesis import given
 
 from hitmdp_jax.theory import (
     HiTMDP,
-    bellman_operator,
-    distances_to_fixed_point,
     evaluate,
-    evaluate_by_iteration,
-    hidden_temporal_operator,
-    hidden_values,
-    hit_mdp,
     markovian_option_value,
-    option_value_upon_arrival,
 )
 from hitmdp_jax.theory.hit_mdp import option_action_value
 from tests.programs import compiled
+from tests.theory import exact
 
 from .strategies import (
     SHAPE,
@@ -31,17 +25,9 @@ from .strategies import (
 )
 
 S, K, A = SHAPE
-solve = compiled(evaluate)
-as_hidden = compiled(hit_mdp)
-upon_arrival = compiled(option_value_upon_arrival)
-solve_hidden = compiled(hidden_values)
-operate = compiled(hidden_temporal_operator)
 operate_on_v_bar = compiled(
     lambda hit, v_bar: markovian_option_value(hit, option_action_value(hit, v_bar))
 )
-iterate = compiled(evaluate_by_iteration)
-bellman = compiled(bellman_operator)
-measure = compiled(distances_to_fixed_point, static_argnums=1)
 
 
 def sup_norm(x):
@@ -51,15 +37,15 @@ def sup_norm(x):
 @few
 @given(option_models())
 def test_theorem_3_2_values_are_the_operators_fixed_point(model):
-    values = solve(model)
-    again = bellman(model, values.q_action)
+    values = exact.evaluate(model)
+    again = exact.bellman_operator(model, values.q_action)
     np.testing.assert_allclose(again, values.q_action, rtol=1e-10, atol=1e-10)
 
 
 @few
 @given(option_models())
 def test_eq_6_v_bar_averages_action_values(model):
-    values, policy = solve(model), as_hidden(model).master
+    values, policy = exact.evaluate(model), exact.hit_mdp(model).master
     q_option = np.einsum("ksa,ska->sk", model.action, values.q_action)  # Eq. 28
     np.testing.assert_allclose(values.q_option, q_option, rtol=1e-10, atol=1e-10)
     v_bar = np.einsum("spo,so->sp", policy, q_option)
@@ -71,15 +57,17 @@ def test_eq_6_v_bar_averages_action_values(model):
 @few
 @given(option_models())
 def test_proposition_d_1_4_value_upon_arrival_is_v_bar(model):
-    arrival = upon_arrival(model)
-    np.testing.assert_allclose(arrival, solve(model).v_bar, rtol=1e-10, atol=1e-10)
+    arrival = exact.option_value_upon_arrival(model)
+    np.testing.assert_allclose(arrival, exact.evaluate(model).v_bar, rtol=1e-10, atol=1e-10)
 
 
 @few
 @given(hit_mdps(interior=False), tables(S, K, A), tables(S, K, A))
 def test_theorem_3_3_operator_contracts_by_gamma(hit, q, other):
     before = sup_norm(q - other)
-    after = sup_norm(operate(hit, q) - operate(hit, other))
+    after = sup_norm(
+        exact.hidden_temporal_operator(hit, q) - exact.hidden_temporal_operator(hit, other)
+    )
     assert after <= float(hit.gamma) * before + 1e-12
 
 
@@ -96,28 +84,28 @@ def test_theorem_3_3_contraction_over_augmented_states(hit, v_bar, other):
 def test_factor_gamma_is_tight(hit, q):
     # a constant is discounted once: no factor below gamma, such as the gamma^2 that the third
     # line of Eq. 42 prints, holds for all pairs
-    shifted = operate(hit, q + 8.0) - operate(hit, q)
+    shifted = exact.hidden_temporal_operator(hit, q + 8.0) - exact.hidden_temporal_operator(hit, q)
     np.testing.assert_allclose(shifted, 8.0 * hit.gamma, atol=1e-12)
 
 
 @few
 @given(hit_mdps(interior=False))
 def test_theorem_3_3_iteration_converges_to_the_linear_solve(hit):
-    fixed_point = solve_hidden(hit).q_action
+    fixed_point = exact.hidden_values(hit).q_action
     q = np.full_like(fixed_point, 7.0)
     error = sup_norm(q - fixed_point)
     for n in (1, 10, 100):
-        after = sup_norm(iterate(hit, n, q) - fixed_point)
+        after = sup_norm(exact.evaluate_by_iteration(hit, n, q) - fixed_point)
         assert after <= float(hit.gamma) ** n * error + 1e-9
 
 
 @few
 @given(hit_mdps(interior=False))
 def test_theorem_3_3_distances_stay_below_gamma_to_the_n(hit):
-    distances = np.asarray(measure(hit, 20))
+    distances = np.asarray(exact.distances_to_fixed_point(hit, 20))
     bound = distances[0] * float(hit.gamma) ** np.arange(21)
     assert np.all(distances <= bound + 1e-9)
-    after = sup_norm(iterate(hit, 5) - solve_hidden(hit).q_action)
+    after = sup_norm(exact.evaluate_by_iteration(hit, 5) - exact.hidden_values(hit).q_action)
     assert distances[5] == pytest.approx(after, abs=1e-12)
 
 
@@ -128,8 +116,8 @@ def test_iteration_finds_the_policys_value_not_the_optimal_one():
         reward=np.array([[0.0, 1.0]]),
         action=np.array([[[1.0, 0.0]]]),
     )
-    np.testing.assert_allclose(iterate(model, 60)[0, 0], [0.0, 1.0], atol=1e-12)
-    assert solve(model).v[0] == 0.0  # the optimal value is 1 / (1 - 0.5) = 2
+    np.testing.assert_allclose(exact.evaluate_by_iteration(model, 60)[0, 0], [0.0, 1.0], atol=1e-12)
+    assert exact.evaluate(model).v[0] == 0.0  # the optimal value is 1 / (1 - 0.5) = 2
 
 
 def test_eq_7_as_printed_counts_the_first_reward_twice():
@@ -141,7 +129,7 @@ def test_eq_7_as_printed_counts_the_first_reward_twice():
         action=np.ones((1, 2, 1)),
         gamma=0.9,
     )
-    assert solve_hidden(hit).q_action[0, 0, 0] == pytest.approx(1.0)
+    assert exact.hidden_values(hit).q_action[0, 0, 0] == pytest.approx(1.0)
     rewards = np.array([1.0, 0.0, 0.0])  # r_{t+1}, r_{t+2}, r_{t+3}
     printed = 1.0 + sum(0.9**n * rewards[n - 1] for n in (1, 2, 3))  # r + sum_l gamma^l r_{t+l}
     right = 1.0 + sum(0.9**n * rewards[n] for n in (1, 2))  # r + sum_l gamma^l r_{t+l+1}
@@ -155,7 +143,7 @@ def test_eq_41_reward_cannot_leave_the_expectation():
         reward=np.array([[0.0, 1.0]]),
         action=np.array([[[0.5, 0.5]]]),
     )
-    assert solve(model).v_bar[0, 0] == 0.5
+    assert exact.evaluate(model).v_bar[0, 0] == 0.5
 
 
 def test_missing_transition_mass_ends_the_episode():
@@ -173,7 +161,7 @@ def test_missing_transition_mass_ends_the_episode():
         gamma=ending.gamma,
     )
     np.testing.assert_allclose(
-        solve_hidden(ending).v_bar, solve_hidden(absorbing).v_bar[:S], rtol=1e-12
+        exact.hidden_values(ending).v_bar, exact.hidden_values(absorbing).v_bar[:S], rtol=1e-12
     )
 
 
@@ -181,7 +169,7 @@ def test_evaluate_jits_vmaps_and_differentiates():
     models = [random_option_model(seed) for seed in range(3)]
     stacked = jax.tree.map(lambda *x: np.stack(x), *models)
     batch = jax.jit(jax.vmap(evaluate))(stacked)
-    alone = jax.tree.map(lambda *x: np.stack(x), *map(solve, models))
+    alone = jax.tree.map(lambda *x: np.stack(x), *map(exact.evaluate, models))
     for x, y in zip(jax.tree.leaves(batch), jax.tree.leaves(alone), strict=True):
         np.testing.assert_allclose(x, y, rtol=1e-10)
     np.testing.assert_allclose(evaluate(models[2]).v, alone.v[2], rtol=1e-10)  # not jitted
@@ -230,7 +218,7 @@ def conditional(joint, value, given_axes):
 def test_conditional_independences_29_to_32(equation, printed, right, claimed_irrelevant):
     model = random_option_model()
     joint = joint_step(model, np.full((S, K), 1 / (S * K)))
-    next_return = solve(model).q_option[None, None, None, :, None, :]  # E[G_1 | s1, o1]
+    next_return = exact.evaluate(model).q_option[None, None, None, :, None, :]  # E[G_1 | s1, o1]
 
     def dependence(conditions):
         without = conditional(joint, next_return, conditions)
@@ -245,7 +233,9 @@ def test_conditional_independences_29_to_32(equation, printed, right, claimed_ir
 def test_eq_33_needs_the_state_and_holds_for_one_step_only():
     # printed: {R_{t+1}, G_t, s_{t+1}} _||_ o_t | a_t
     model = random_option_model()
-    q_action = solve(model).q_action  # E[G_t | s, o, a]: the option goes on after the action
+    q_action = exact.evaluate(
+        model
+    ).q_action  # E[G_t | s, o, a]: the option goes on after the action
     assert sup_norm(q_action - q_action.mean(1, keepdims=True)) > 1e-3
     # the option also tells of the state, hence of the reward; given s_t too, it tells nothing
     joint = np.einsum("so,osa->soa", np.full((S, K), 1 / (S * K)), model.action)
