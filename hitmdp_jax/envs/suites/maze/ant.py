@@ -1,14 +1,16 @@
 """An ant in mazes: AntMaze of D4RL (Fu et al. 2020), as Gymnasium-Robotics v5 defines it."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import mujoco
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
-from hitmdp_jax.envs.base import SolverBudget
+from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.gym.ant import FRAME_SKIP
 from hitmdp_jax.envs.suites.maze.maps import U_MAZE, Maze
-from hitmdp_jax.envs.suites.maze.maze import MazeEnv, RewardType
+from hitmdp_jax.envs.suites.maze.maze import MazeEnv
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FIRST_POSITION, NUM_POSITIONS, NUM_VELOCITIES = 2, 15, 14  # of the ant, without x and y
@@ -24,6 +26,7 @@ MJX_BUDGET = SolverBudget(iterations=5, ls_iterations=2, contacts=24)
 MJX_PAIRS = 24
 
 
+@dataclasses.dataclass(eq=False, repr=False, kw_only=True)
 class AntUMaze(MazeEnv):
     """Walk the ant through a U-shaped maze of cells 4 m wide to the goal.
 
@@ -33,40 +36,24 @@ class AntUMaze(MazeEnv):
     pose, all ants with the same heading. The time limit is 700 steps of 0.05 s.
 
     Args:
-      physics: the engine; see `MujocoEnv`.
-      reward_type: "sparse" pays 1 for every step that ends within 0.45 m of the goal, "dense"
-        exp(-distance), the distance in m.
-      continuing_task: go on at the goal, which stays where it is, to the time limit; else the
-        episode terminates there.
+      **keywords: see `MazeEnv`.
       include_cfrc_ext_in_observation: observe the contact forces; without them it is [31].
     """
 
     maze = Maze(U_MAZE, cell=4.0, height=2.0)
     episode_length = 700
 
-    def __init__(
-        self,
-        physics: PhysicsChoice = "mjx",
-        *,
-        reward_type: RewardType = "sparse",
-        continuing_task: bool = True,
-        include_cfrc_ext_in_observation: bool = True,
-    ):
-        super().__init__(
-            reward_type,
-            continuing_task,
-            model=load_gymnasium_model("ant.xml", self._edit),
-            frame_skip=FRAME_SKIP,
-            physics=physics,
-            fields=("cfrc_ext",) if include_cfrc_ext_in_observation else (),
-            mjx_budget=MJX_BUDGET,
-        )
-        self._observes_contact_forces = include_cfrc_ext_in_observation
+    include_cfrc_ext_in_observation: bool = True
+
+    def __post_init__(self, physics: PhysicsChoice):
+        model = load_gymnasium_model("ant.xml", self._edit)
+        fields = ("cfrc_ext",) if self.include_cfrc_ext_in_observation else ()
+        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, fields, MJX_BUDGET)
 
     def proprioception(self, data: PhysicsState) -> jax.Array:
         """Return height, orientation, angles, velocities and, if observed, contact forces."""
         parts = [data.qpos[FIRST_POSITION:NUM_POSITIONS], data.qvel[:NUM_VELOCITIES]]
-        if self._observes_contact_forces:
+        if self.include_cfrc_ext_in_observation:
             parts.append(jnp.clip(data["cfrc_ext"][BODIES], *CONTACT_FORCE_RANGE).ravel())
         return jnp.concatenate(parts)
 

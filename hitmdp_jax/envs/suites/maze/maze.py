@@ -1,7 +1,8 @@
 """`MazeEnv`: what mazes have in common whichever robot is in them."""
 
 import abc
-from typing import Any, ClassVar, Literal
+import dataclasses
+from typing import ClassVar, Literal
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +10,7 @@ from brax.envs.base import State
 
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.envs.suites.maze.maps import Maze
-from hitmdp_jax.physics import PhysicsState
+from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 POSITION = slice(0, 2)  # qpos: the robot's x and y, m
 GOAL = slice(-2, None)  # qpos: the goal's
@@ -19,6 +20,7 @@ NOISE = 0.25  # of a cell's width: start and goal lie that far from a cell's cen
 RewardType = Literal["sparse", "dense"]
 
 
+@dataclasses.dataclass(eq=False, repr=False)
 class MazeEnv(MujocoEnv):
     """Reach the goal, which is elsewhere in every episode, as in Gymnasium-Robotics.
 
@@ -27,20 +29,24 @@ class MazeEnv(MujocoEnv):
 
     `state.metrics["success"]` is 1 from the step on in which an episode reached its goal.
 
+    The keywords are fields. `__post_init__(physics)` of a subclass makes the model and calls
+    `MujocoEnv.__init__`.
+
     Args:
-      reward_type: "sparse" pays 1 for every step that ends at the goal, "dense" exp(-distance).
+      physics: the engine; see `MujocoEnv`.
+      reward_type: "sparse" pays 1 for every step that ends within 0.45 m of the goal, "dense"
+        exp(-distance), the distance in m.
       continuing_task: go on at the goal, which stays where it is, to the time limit; else the
         episode terminates there.
-      **kwargs: further arguments of `MujocoEnv`.
     """
 
     reward_terms = ("reward_goal",)
     maze: ClassVar[Maze]
 
-    def __init__(self, reward_type: RewardType, continuing_task: bool, **kwargs: Any):
-        super().__init__(**kwargs)
-        self._dense = reward_type == "dense"
-        self._continuing_task = continuing_task
+    physics: dataclasses.InitVar[PhysicsChoice] = "mjx"  # pyright: ignore
+    _: dataclasses.KW_ONLY
+    reward_type: RewardType = "sparse"
+    continuing_task: bool = True
 
     @abc.abstractmethod
     def proprioception(self, data: PhysicsState) -> jax.Array:
@@ -77,12 +83,12 @@ class MazeEnv(MujocoEnv):
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
         """Return what being near the goal is worth."""
         dense = jnp.exp(-self._distance(after))
-        reward = dense if self._dense else self._at_goal(after).astype(jnp.float32)
+        reward = dense if self.reward_type == "dense" else self._at_goal(after).astype(jnp.float32)
         return reward, {"reward_goal": reward}
 
     def terminated(self, data: PhysicsState) -> jax.Array:
         """Return whether the goal is reached and ends the episode."""
-        return self._at_goal(data) & (not self._continuing_task)
+        return self._at_goal(data) & (not self.continuing_task)
 
     def _distance(self, data: PhysicsState) -> jax.Array:
         return jnp.linalg.norm(data.qpos[POSITION] - data.qpos[GOAL])

@@ -1,13 +1,15 @@
 """A ball in mazes: PointMaze of D4RL (Fu et al. 2020), as Gymnasium-Robotics v3 defines it."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 from brax.envs.base import State
 
 from hitmdp_jax.envs.assets import load_model
-from hitmdp_jax.envs.base import SolverBudget
+from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
 from hitmdp_jax.envs.suites.maze.maps import FOUR_ROOMS, MEDIUM_MAZE, U_MAZE, Maze
-from hitmdp_jax.envs.suites.maze.maze import MazeEnv, RewardType
+from hitmdp_jax.envs.suites.maze.maze import MazeEnv
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 1  # substep of 0.01 s
@@ -53,6 +55,7 @@ BALL = """
 MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2)
 
 
+@dataclasses.dataclass(eq=False, repr=False)
 class PointMaze(MazeEnv):
     """Push a ball through a maze of cells 1 m wide to the goal.
 
@@ -61,28 +64,12 @@ class PointMaze(MazeEnv):
     4.2 kg. Velocities are clipped to 5 m/s before every step of 0.01 s. An episode starts at rest.
 
     Args:
-      physics: the engine; see `MujocoEnv`.
-      reward_type: "sparse" pays 1 for every step that ends within 0.45 m of the goal, "dense"
-        exp(-distance), the distance in m.
-      continuing_task: go on at the goal, which stays where it is, to the time limit; else the
-        episode terminates there.
+      **keywords: see `MazeEnv`.
     """
 
-    def __init__(
-        self,
-        physics: PhysicsChoice = "mjx",
-        *,
-        reward_type: RewardType = "sparse",
-        continuing_task: bool = True,
-    ):
-        super().__init__(
-            reward_type,
-            continuing_task,
-            model=load_model(BALL, self.maze.add_to),
-            frame_skip=FRAME_SKIP,
-            physics=physics,
-            mjx_budget=MJX_BUDGET,
-        )
+    def __post_init__(self, physics: PhysicsChoice):
+        model = load_model(BALL, self.maze.add_to)
+        MujocoEnv.__init__(self, model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
 
     def step(self, state: State, action: jax.Array) -> State:
         """Clip the velocities and advance one control step."""
