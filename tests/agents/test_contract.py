@@ -12,6 +12,7 @@ from hitmdp_jax.agents import AGENTS
 from hitmdp_jax.agents.base import hyperparameters_of
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
 from hitmdp_jax.errors import UsageError
+from tests.agents.option_batches import random_params
 from tests.probes import Target, spec_of_sizes
 from tests.programs import compiled, shapes_of_an_iteration
 
@@ -37,18 +38,23 @@ def make_agent(name):
     return agent.replace(num_epochs=2) if hasattr(agent, "num_epochs") else agent
 
 
+@functools.cache
+def params_of(name):
+    """Return parameters that no program has to draw."""
+    return random_params(make_agent(name))
+
+
 @pytest.mark.parametrize("batch_shape", [(), (3,), (2, 3)])
-def test_act_takes_any_batch_shape(agent, key, batch_shape):
+def test_act_takes_any_batch_shape(agent, name, key, batch_shape):
     """Shapes alone are asked for, so nothing is compiled."""
 
-    def act(key):
-        params = agent.init(key, agent.spec).params
+    def act(params, key):
         memory = agent.initial_memory(key, batch_shape)
         obs = jnp.ones((*batch_shape, 5))
         value = agent.value_of(params, obs, memory)
         return value, memory, *agent.act(params, obs, memory, key)
 
-    value, memory, action, new_memory, _ = jax.eval_shape(act, key)
+    value, memory, action, new_memory, _ = jax.eval_shape(act, params_of(name), key)
     assert (value.shape, action.shape) == (batch_shape, (*batch_shape, 2))
     assert jax.tree.map(jnp.shape, memory) == jax.tree.map(jnp.shape, new_memory)
 
@@ -57,11 +63,11 @@ def test_act_takes_any_batch_shape(agent, key, batch_shape):
 def acted(name):
     """Return an agent's likeliest actions in 2 x 3 states by each of two keys, the options that it
     draws there and their probabilities, by one program."""
-    agent = make_agent(name).replace(hidden_sizes=(8,))
+    agent = make_agent(name)
 
     @compiled
-    def run(key):
-        params, memory = agent.init(key, agent.spec).params, agent.initial_memory(key, (2, 3))
+    def run(params, key):
+        memory = agent.initial_memory(key, (2, 3))
         obs = jax.random.normal(key, (2, 3, 5))
 
         def likeliest(key):
@@ -71,7 +77,7 @@ def acted(name):
         actions = jax.vmap(likeliest)(jax.random.split(key))
         return actions, agent.option_of(record), agent.option_probs(params, obs, memory)
 
-    return run(jax.random.key(0))
+    return run(params_of(name), jax.random.key(0))
 
 
 def test_deterministic_actions_repeat(name):
@@ -194,16 +200,15 @@ def test_executed_options_and_their_probabilities_agree(agent, name):
     assert (np.take_along_axis(probs, option[..., None], axis=-1) > 0).all()
 
 
-def test_actions_can_be_asked_of_every_option_at_once(agent, key):
+def test_actions_can_be_asked_of_every_option_at_once(agent, name):
     """What has no options has one policy, whichever is named."""
 
-    def means(key):
-        params = agent.init(key, agent.spec).params
+    def means(params):
         every = jnp.arange(getattr(agent, "num_options", 3))
         policies = agent.policy(params, jnp.ones((7, 1, 5)), every)
         return policies.mean()
 
-    found = jax.eval_shape(means, key)
+    found = jax.eval_shape(means, params_of(name))
     assert found.shape == (7, getattr(agent, "num_options", 1), 2)
 
 
