@@ -9,6 +9,7 @@ COMMANDS = {
     "report": "write one page about a run, or a comparison of several",
     "video": "film a trained run",
     "export": "write a policy as a program of its own",
+    "figure": "draw one figure of a trained run, or of the paper's theorems",
     "reproduce": "draw or train one of the paper's figures and tables",
     "study": "answer a question by an experiment",
 }
@@ -23,17 +24,22 @@ def usage() -> str:
 
 
 def main() -> None:
-    """Run the command that the command line names."""
+    """Run the command that the command line names. Nothing is imported before it is needed."""
     name, *rest = sys.argv[1:] or ["--help"]
     if name in ("-h", "--help"):
         print(usage())
         return
-    from hitmdp_jax.errors import exit_with, unknown_name  # nothing is imported before it is needed
+    from hitmdp_jax.errors import exit_with, unknown_name
 
     if name not in COMMANDS:
         exit_with(unknown_name("command", name, COMMANDS))
-    sys.argv = [f"hitmdp {name}", *rest]
-    importlib.import_module(f"hitmdp_jax.cli.{name}").main()
+    from hitmdp_jax.cli import flags, guard
+
+    if name in flags.COMMANDS:
+        guard.guarded(lambda: guard.work(name, flags.parsed(name, rest)))
+    else:
+        sys.argv = [f"hitmdp {name}", *rest]
+        importlib.import_module(f"hitmdp_jax.cli.{name}").main()
 
 
 if __name__ == "__main__":

@@ -14,9 +14,10 @@ import pytest
 import yaml
 
 import hitmdp_jax
+import hitmdp_jax.__main__
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import PPO
-from hitmdp_jax.cli import arms, evaluate, export, report, reproduce, study, train, video
+from hitmdp_jax.cli import arms
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.experiments import results
 from hitmdp_jax.runs import loop
@@ -31,21 +32,21 @@ class Class: ...
 """
 # Every way to a run's settings, by what it takes to trust them there.
 COMMANDS = {
-    "train resume=run": (train, "trust=true"),
-    "evaluate run": (evaluate, "--trust"),
-    "evaluate run --checkpoint best": (evaluate, "--trust"),
-    "video run": (video, "--trust"),
-    "export run": (export, "--trust"),
-    "report run": (report, "--trust"),
-    "report run other": (report, "--trust"),
-    "reproduce figure6 run": (reproduce, "--trust"),
-    "reproduce figure5 run": (reproduce, "--trust"),
-    "study study.yaml": (study, "--trust"),
-    "train -m seed=0,1 run_dir=swept": (train, None),
-    "reproduce compare run_dir=compared algos=ppo": (reproduce, None),
-    "reproduce results results=results": (reproduce, "--trust"),
-    "reproduce curves results=results": (reproduce, "--trust"),
-    "reproduce options tasks=turkey arms=ppo results=results": (reproduce, "--trust"),
+    "train resume=run": "trust=true",
+    "evaluate run": "--trust",
+    "evaluate run --checkpoint best": "--trust",
+    "video run": "--trust",
+    "export run": "--trust",
+    "report run": "--trust",
+    "report run other": "--trust",
+    "figure figure6 run": "--trust",
+    "figure figure5 run": "--trust",
+    "study study.yaml": "--trust",
+    "train -m seed=0,1 run_dir=swept": None,
+    "reproduce compare run_dir=compared algos=ppo": None,
+    "reproduce results results=results": "--trust",
+    "reproduce curves results=results": "--trust",
+    "reproduce options tasks=turkey arms=ppo results=results": "--trust",
 }
 PYTHON = {
     "RunConfig.load": lambda trust: RunConfig.load(Path("run"), trust=trust),
@@ -84,10 +85,10 @@ def plant(folder, group="algo", name="planted.py:Class"):
     (folder / "study.yaml").write_text(yaml.safe_dump(question))
 
 
-def call(line, module, monkeypatch, *more):
-    monkeypatch.setattr(sys, "argv", [*line.split(), *more])
+def call(line, monkeypatch, *more):
+    monkeypatch.setattr(sys, "argv", ["hitmdp", *line.split(), *more])
     with pytest.raises(SystemExit) as stopped:
-        module.main()
+        hitmdp_jax.__main__.main()
     assert stopped.value.code == 2
 
 
@@ -95,14 +96,13 @@ def call(line, module, monkeypatch, *more):
 def test_a_command_runs_no_file_that_a_run_names_unless_it_is_told_to(
     line, folder, monkeypatch, capsys
 ):
-    module, trust = COMMANDS[line]
     plant(folder)
-    call(line, module, monkeypatch)
+    call(line, monkeypatch)
     _, err = capsys.readouterr()
     assert f"'{folder / 'planted.py'}' would be run" in err
     assert not (folder / "marker").exists()
-    if trust:
-        call(line, module, monkeypatch, trust)
+    if trust := COMMANDS[line]:
+        call(line, monkeypatch, trust)
         assert (folder / "marker").exists()
 
 
@@ -115,8 +115,8 @@ def test_no_word_of_a_run_commands_a_terminal(group, escaped, folder, monkeypatc
     (folder / "run").mkdir()
     text = yaml.safe_dump(settings | {group: value.get(group, trick)})
     (folder / "run" / "config.yaml").write_text(text)
-    for line in ("evaluate run", "train resume=run", "report run", "reproduce figure6 run"):
-        call(line, COMMANDS[line][0], monkeypatch)
+    for line in ("evaluate run", "train resume=run", "report run", "figure figure6 run"):
+        call(line, monkeypatch)
         out, err = capsys.readouterr()
         assert out == ""
         assert err.rstrip("\n").isprintable()
@@ -154,9 +154,7 @@ def test_a_file_is_refused_however_it_is_spelled(name, folder, monkeypatch):
 def test_what_a_command_line_named_stays_trusted(folder, monkeypatch):
     plugins.own_files().parent.mkdir(parents=True)
     plugins.own_files().write_bytes(b"\xff a damaged line\n")
-    monkeypatch.setattr(sys, "argv", ["train", "env=planted.py:Class"])
-    with pytest.raises(SystemExit):
-        train.main()
+    call("train env=planted.py:Class", monkeypatch)
     assert (folder / "marker").exists()
     (folder / "marker").unlink()
     monkeypatch.setattr(plugins, "_trusted", set())  # as a later process finds it

@@ -1,9 +1,11 @@
-"""Score a trained run: `python -m hitmdp_jax evaluate RUN_DIR --engine gymnasium --episodes 50`."""
+"""Score a trained run, or one that is training."""
 
+import argparse
 import csv
 import io
 import itertools
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +15,9 @@ from rich.console import Console
 from rich.table import Table
 
 from hitmdp_jax import plugins
-from hitmdp_jax.cli.guard import guarded
-from hitmdp_jax.cli.policies import add_checkpoint, load_named
-from hitmdp_jax.cli.settings import Parser
+from hitmdp_jax.cli.policies import evaluation_key, load_config, load_named
 from hitmdp_jax.errors import UsageError, warn
-from hitmdp_jax.interpret.evaluation import ENGINES, Scores, check_request, score_each, task_env
+from hitmdp_jax.interpret.evaluation import Scores, check_request, score_each, task_env
 from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, summary
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.interpret.option_use import number_of_options
@@ -35,66 +35,41 @@ COLUMNS: tuple[str, ...] = (
     "iteration", "task", "seed", "engine", "episodes", "deterministic",
     "return", "std", "min", "max", "std_error", "length",
 )  # fmt: skip
-SEED_OFFSET = 2**20  # keeps the keys of evaluations apart from those of trainings
 
 
-def main() -> None:
-    """Run the command line."""
-    guarded(_main)
-
-
-def _main() -> None:
-    parser = Parser(prog="python -m hitmdp_jax evaluate", description=__doc__)
-    parser.add_argument("run_dir", type=Path, help="a run's folder")
-    parser.add_argument(
-        "--engine", default=None, help=f"one of {', '.join(ENGINES)}; the run's own"
-    )
-    parser.add_argument("--episodes", type=int, default=50, help="episodes a seed (50)")
-    parser.add_argument("--seed", type=int, default=None, help="one of the run's seeds; all")
-    parser.add_argument("--setting", type=int, default=None, help="one of a sweep's settings; all")
-    add_checkpoint(parser)
-    parser.add_argument("--deterministic", action="store_true", help="do not sample")
-    parser.add_argument(
-        "--choices", action="store_true", help="sampling, let something else choose the options too"
-    )
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-    options = parser.parse_args()
-    config = RunConfig.load(options.run_dir, options.trust)
-    if config.env is None:
-        raise UsageError(f"'{options.run_dir}' was saved from Python and names no task.")
-    chosen = places(config.trainings, options.seed, options.setting)
-    engine = config.physics if options.engine is None else options.engine
-    check_request(engine, options.episodes)
-    side_by_side = options.episodes * len(chosen)
-    if options.choices:
+def run(arguments: argparse.Namespace) -> None:
+    """Do what `hitmdp evaluate` says; Raises UsageError as what it calls."""
+    config = load_config(arguments)
+    chosen = places(config.trainings, arguments.seed, arguments.setting)
+    engine = config.physics if arguments.engine is None else arguments.engine
+    check_request(engine, arguments.episodes)
+    side_by_side = arguments.episodes * len(chosen)
+    if arguments.choices:
         if engine == "gymnasium":
             raise UsageError("--choices needs an engine of JAX: one of native, mjx, warp.")
         number = number_of_options(config.make_agent())
-        side_by_side = max(side_by_side, options.episodes * (number + WITHOUT_EACH_OPTION))
+        side_by_side = max(side_by_side, arguments.episodes * (number + WITHOUT_EACH_OPTION))
     set_up_host(engine if engine != "gymnasium" else config.physics, side_by_side)
-    iteration, everyone = load_named(options)
+    iteration, everyone = load_named(arguments)
     trainings = [config.trainings[place] for place in chosen]
-    keys = [jax.random.key(training.seed + SEED_OFFSET) for training in trainings]
-    policies = everyone.of(np.array(chosen))
-    task = config.task_at(iteration)
-    scores = score_each(policies, task, engine, options.episodes, keys, options.deterministic)
-    rows = [
-        row(of_one, iteration, task, training, engine, options.deterministic)
-        for of_one, training in zip(scores, trainings, strict=True)
-    ]
+    keys = [evaluation_key(training) for training in trainings]
+    policies, task = everyone.of(np.array(chosen)), config.task_at(iteration)
+    deterministic = arguments.deterministic
+    scores = score_each(policies, task, engine, arguments.episodes, keys, deterministic)
+    rows = rows_of(scores, iteration, task, trainings, engine, deterministic)
     choices = []
-    if options.choices:
+    if arguments.choices:
         env = task_env(task, engine)
         for i, key in enumerate(keys):
-            analysis = OptionAnalysis(policies.of(i), env, key, options.episodes)
+            analysis = OptionAnalysis(policies.of(i), env, key, arguments.episodes)
             choices.append(summary(analysis.interventions))
-    if options.json:
+    if arguments.json:
         both = itertools.zip_longest(rows, choices, fillvalue={})
         print(json.dumps([entry | choice for entry, choice in both], indent=2))
     else:
         title = f"{plugins.label(task['name'])} in {engine}"
         _show(title, list(trainings[0].columns), rows, choices)
-    _note(options.run_dir, rows)
+    _note(arguments.run_dirs[0], rows)
 
 
 def _show(
@@ -119,20 +94,27 @@ def _show(
         console.print(table)
 
 
-def row(
-    scores: Scores, iteration: int, task: Task, training: Training, engine: str, deterministic: bool
-) -> dict[str, Any]:
-    """Return what is written of one training's scores."""
-    returns = scores.returns
-    error = scores.standard_error
-    numbers = (returns.mean(), returns.std(), returns.min(), returns.max())
-    values = (
-        iteration, plugins.label(task["name"]), training.seed, engine, len(returns), deterministic,
-        *(float(x) for x in numbers), None if np.isnan(error) else error,
-        float(scores.lengths.mean()),
-    )  # fmt: skip
-    known = {} if scores.success is None else {"success": float(scores.success.mean())}
-    return dict(zip(COLUMNS, values, strict=True)) | training.columns | known
+def rows_of(
+    scores: Sequence[Scores],
+    iteration: int,
+    task: Task,
+    trainings: Sequence[Training],
+    engine: str,
+    deterministic: bool,
+) -> list[dict[str, Any]]:
+    """Return what is written of the trainings' scores, a row each."""
+    rows = []
+    for of_one, training in zip(scores, trainings, strict=True):
+        returns, error = of_one.returns, of_one.standard_error
+        numbers = (returns.mean(), returns.std(), returns.min(), returns.max())
+        values = (
+            iteration, plugins.label(task["name"]), training.seed, engine, len(returns),
+            deterministic, *(float(x) for x in numbers), None if np.isnan(error) else error,
+            float(of_one.lengths.mean()),
+        )  # fmt: skip
+        known = {} if of_one.success is None else {"success": float(of_one.success.mean())}
+        rows.append(dict(zip(COLUMNS, values, strict=True)) | training.columns | known)
+    return rows
 
 
 def append(run_dir: Path, rows: list[dict[str, Any]]) -> None:
@@ -193,15 +175,12 @@ class Evaluation:
         learned = jax.device_put((state.learner.params, state.normalizer), here)
         everyone = Policy(config.make_agent().replace(**config.swept).bind(state.spec), *learned)
         keys = [
-            jax.random.fold_in(jax.random.key(training.seed + SEED_OFFSET), progress.iteration)
+            jax.random.fold_in(evaluation_key(training), progress.iteration)
             for training in config.trainings
         ]
         task = config.task_at(progress.iteration)
         scores = score_each(everyone, task, config.physics, config.eval_episodes, keys, True)
-        rows = [
-            row(of_one, progress.iteration, task, training, config.physics, True)
-            for of_one, training in zip(scores, config.trainings, strict=True)
-        ]
+        rows = rows_of(scores, progress.iteration, task, config.trainings, config.physics, True)
         _note(self._run_dir, rows)
         return {"evaluation_return": np.array([entry["return"] for entry in rows])}
 

@@ -1,6 +1,8 @@
 """How every command line ends: with a sentence where its user, the disk or the terminal fails."""
 
+import argparse
 import errno
+import importlib
 import logging
 import os
 import resource
@@ -8,12 +10,10 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any, TextIO
 
-import jax
-
 from hitmdp_jax.errors import UsageError, exit_with, warn
-from hitmdp_jax.runs.host import present_cores
 
 # Errors of the machine that name no file, and need no traceback.
 OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE)
@@ -28,7 +28,6 @@ def guarded(command: Callable[[], int | None], shows: bool = True) -> None:
       command: returns the exit code.
       shows: whether what it prints is what it is for: where that is lost, the exit code is 1.
     """
-    present_cores()
     threading.excepthook = _say_in_a_line
     logging.getLogger("absl").setLevel(logging.CRITICAL)  # what Orbax logs, `Checkpoints` says
     output = sys.stdout = Output(_opened(sys.stdout))
@@ -46,7 +45,7 @@ def guarded(command: Callable[[], int | None], shows: bool = True) -> None:
         if error.errno not in OF_THE_MACHINE:
             raise
         exit_with(UsageError(f"This machine cannot go on: {error.strerror}."))
-    except (MemoryError, jax.errors.JaxRuntimeError) as error:
+    except (MemoryError, RuntimeError) as error:  # JAX's own is one
         if not isinstance(error, MemoryError) and "RESOURCE_EXHAUSTED" not in str(error):
             raise
         reason = "This machine's memory does not hold so much"
@@ -56,6 +55,24 @@ def guarded(command: Callable[[], int | None], shows: bool = True) -> None:
         sys.stdout = output.stream
     if code or (shows and output.failed):
         sys.exit(code or 1)
+
+
+def work(command: str, arguments: argparse.Namespace) -> int | None:
+    """Do what a command line that was read says; return the exit code."""
+    return work_of(command).run(arguments)
+
+
+def work_of(command: str) -> ModuleType:
+    """Import, once a command line is read, what does its work; it takes seconds.
+
+    Every core is presented to JAX as a device: a task or an algorithm of the user's own may compute
+    as soon as its file is run, and nothing can be set up after that.
+    """
+    module = importlib.import_module(f"hitmdp_jax.cli.{command}")
+    from hitmdp_jax.runs.host import present_cores
+
+    present_cores()
+    return module
 
 
 def dispatched(usage: Callable[[], str], command: Callable[[str, list[str]], int]) -> None:

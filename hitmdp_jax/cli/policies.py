@@ -1,13 +1,18 @@
-"""How a command line names one policy of a run."""
+"""How a command line names one policy of a run, and where what is made of it goes."""
 
 import argparse
 from pathlib import Path
 from typing import NamedTuple
 
-from hitmdp_jax.cli.settings import Parser
+import jax
+
+from hitmdp_jax.cli.settings import writable
 from hitmdp_jax.runs.config import RunConfig, Task
+from hitmdp_jax.runs.folder import made, refuse_link
 from hitmdp_jax.runs.policy import Policy, load_all, places
 from hitmdp_jax.training.sweep import Training
+
+SEED_OFFSET = 2**20  # keeps the keys of evaluations apart from those of trainings
 
 
 class Chosen(NamedTuple):
@@ -30,38 +35,64 @@ class Chosen(NamedTuple):
         return self.config.task_at(self.iteration)
 
 
-def add_choice(parser: Parser) -> None:
-    """Let a command line name a run, and a training and a checkpoint of it."""
-    parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help="a run's folder")
-    parser.add_argument("--seed", type=int, default=None, help="one of the run's seeds; the first")
-    parser.add_argument("--setting", type=int, default=None, help="one of a sweep's settings; 0")
-    add_checkpoint(parser)
-
-
-def add_checkpoint(parser: Parser) -> None:
-    """Let a command line name a checkpoint, which `load_named` reads."""
-    parser.add_argument("--checkpoint", default="newest", help="newest, best, or an iteration")
-    parser.add_argument("--task", type=int, help="a transfer's: 0 or 1; the newest checkpoint's")
-
-
-def load_named(options: argparse.Namespace) -> tuple[int, Policy]:
-    """Read the checkpoint of a run that a command line names; Returns and Raises as `load_all`."""
-    text = options.checkpoint
-    which = int(text) if text.isascii() and text.isdecimal() else text
-    return load_all(options.run_dir, which, options.task)
-
-
-def load_chosen(options: argparse.Namespace) -> Chosen:
-    """Read the policy that a command line names.
+def load_config(arguments: argparse.Namespace, with_task: bool = True) -> RunConfig:
+    """Read the settings of the run that a command line names.
 
     Raises:
-      UsageError: the folder holds no run, or no such seed, setting or checkpoint.
+      UsageError: they cannot be read; or they name no task, where `with_task` needs one.
     """
-    config = RunConfig.load(options.run_dir, options.trust)
-    seed = config.seed if options.seed is None else options.seed
-    (place,) = places(config.trainings, seed, options.setting or 0)
-    iteration, everyone = load_named(options)
-    named = {"seed": options.seed, "setting": options.setting}
+    config = RunConfig.load(arguments.run_dirs[0], arguments.trust)
+    if with_task:
+        config.task_at(1)
+    return config
+
+
+def load_named(arguments: argparse.Namespace) -> tuple[int, Policy]:
+    """Read the checkpoint of a run that a command line names; Returns and Raises as `load_all`."""
+    text = "newest" if arguments.checkpoint is None else arguments.checkpoint
+    which = int(text) if text.isascii() and text.isdecimal() else text
+    return load_all(arguments.run_dirs[0], which, arguments.task)
+
+
+def load_chosen(arguments: argparse.Namespace, config: RunConfig) -> Chosen:
+    """Read the policy that a command line names, of a run of these settings.
+
+    Raises:
+      UsageError: the run holds no such seed, setting or checkpoint.
+    """
+    seed = config.seed if arguments.seed is None else arguments.seed
+    (place,) = places(config.trainings, seed, arguments.setting or 0)
+    iteration, everyone = load_named(arguments)
+    named = {"seed": arguments.seed, "setting": arguments.setting}
     parts = [f"{name}{number}" for name, number in named.items() if number is not None]
     name = "_".join([str(config.schedule.steps_after(iteration)), *parts])
     return Chosen(config, config.trainings[place], iteration, everyone.of(place), name)
+
+
+def evaluation_key(training: Training) -> jax.Array:
+    """Return the key of the episodes that are recorded of a training's policies."""
+    return jax.random.key(training.seed + SEED_OFFSET)
+
+
+def output(arguments: argparse.Namespace, folder: str, name: str) -> Path:
+    """Return the file that --out names, or the one of that name in a folder of the run.
+
+    Raises:
+      OSError: the run's folder holds a link instead of that folder.
+    """
+    if arguments.out is not None:
+        return arguments.out
+    within = arguments.run_dirs[0] / folder
+    refuse_link(within)
+    return within / name
+
+
+def check_output(*paths: Path) -> None:
+    """Check, before hours of work, that files can be written, and make the folder of the first.
+
+    Raises:
+      UsageError: naming the file that cannot be.
+    """
+    for path in paths:
+        writable("--out", path)
+    made(paths[0].parent)

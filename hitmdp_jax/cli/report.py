@@ -1,9 +1,6 @@
-"""Write one page about a run, or a comparison of several: `python -m hitmdp_jax report RUN_DIR...`.
+"""Write one page about a run, or one that compares several."""
 
-The page is one HTML file that needs no network: the curve of every seed, what each option does,
-whether options matter, what their embeddings mean, and a video.
-"""
-
+import argparse
 import functools
 import time
 from pathlib import Path
@@ -13,9 +10,8 @@ import jax
 import numpy as np
 
 from hitmdp_jax.cli.command_line import command_line
-from hitmdp_jax.cli.evaluate import SEED_OFFSET
-from hitmdp_jax.cli.guard import guarded
-from hitmdp_jax.cli.settings import Parser, writable
+from hitmdp_jax.cli.policies import evaluation_key
+from hitmdp_jax.cli.settings import writable
 from hitmdp_jax.envs import engine_for, make_env
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
@@ -30,28 +26,16 @@ FILMED, PIXELS = 600, (480, 360)  # steps and size of the video: of a page, not 
 ENGINE = "native"  # MuJoCo C compiles in no time, and scores as the others do
 
 
-def main() -> None:
-    """Run the command line."""
-    guarded(_main)
-
-
-def _main() -> None:
-    parser = Parser(prog="python -m hitmdp_jax report", description=__doc__)
-    parser.add_argument("run_dirs", type=Path, nargs="+", metavar="RUN_DIR")
-    parser.add_argument(
-        "--out", type=Path, help=f"the file; RUN_DIR/{folder.REPORT}, or comparison.html"
-    )
-    parser.add_argument("--seed", type=int, default=None, help="whose options; the median seed's")
-    parser.add_argument("--episodes", type=int, default=EPISODES, help=f"recorded ({EPISODES})")
-    options = parser.parse_args()
-    check_episodes(options.episodes)
-    configs = {run_dir: RunConfig.load(run_dir, options.trust) for run_dir in options.run_dirs}
-    first, one = options.run_dirs[0], len(configs) == 1
-    out = options.out or (first / folder.REPORT if one else Path("comparison.html"))
+def run(arguments: argparse.Namespace) -> None:
+    """Do what `hitmdp report` says; Raises UsageError as what it calls."""
+    check_episodes(arguments.episodes)
+    configs = {run_dir: RunConfig.load(run_dir, arguments.trust) for run_dir in arguments.run_dirs}
+    first, one = arguments.run_dirs[0], len(configs) == 1
+    out = arguments.out or (first / folder.REPORT if one else Path("comparison.html"))
     writable("--out", out)
     if one:
-        set_up_host(ENGINE, 16 * options.episodes)
-        write(first, configs[first], out, options.seed, options.episodes)
+        set_up_host(ENGINE, 16 * arguments.episodes)
+        write(first, configs[first], out, arguments.seed, arguments.episodes)
     else:
         from hitmdp_jax.experiments.comparison_page import comparison_page
 
@@ -98,7 +82,7 @@ def report(
     from hitmdp_jax.report.run_report import RunReport
 
     training = _median(run_dir, config) if seed is None else places(config.trainings, seed)[0]
-    key = jax.random.key(config.trainings[training].seed + SEED_OFFSET)
+    key = evaluation_key(config.trainings[training])
 
     @functools.cache
     def policy_and_env() -> tuple[Policy, Any]:

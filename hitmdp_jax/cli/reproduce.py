@@ -6,8 +6,6 @@ Targets:
            Figures 3 and 4. The other settings are those of train.py: `compare env=halfcheetah
            algos=all seeds=4`, `compare experiment=transfer pair=cheetah algos=mopg,ppo`. With
            `run_dir=` of an earlier comparison it goes on where that stopped.
-  theory   computes and draws Theorem 3.3 and Proposition 3.5 on random option frameworks (`seed=`,
-           `run_dir=`).
 
   table1, table2, table3, figure11, options
            trains what the paper's table or figure shows, or tasks in which options should pay, one
@@ -24,10 +22,7 @@ Targets:
   curves   draws all published curves, seeds and profiles on one page, results.html
            `--trust` runs the files of tasks and algorithms that published settings name.
 
-Figures of a trained run: `python -m hitmdp_jax reproduce FIGURE RUN_DIR` writes it into
-RUN_DIR/figures/. `--seed N` picks one of the run's seeds, its first otherwise; where a figure shows
-episodes, `--episodes N` (8) of `--checkpoint newest|best|ITERATION` are recorded, of a sweep those
-of `--setting N` (0).
+`hitmdp figure` draws the figures of a trained run.
 """
 
 import time
@@ -37,24 +32,22 @@ import jax
 
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import AGENTS, find_agent
-from hitmdp_jax.cli import figures, suites
+from hitmdp_jax.cli import suites
 from hitmdp_jax.cli.arms import named, train_arms, without_folder
 from hitmdp_jax.cli.guard import dispatched
 from hitmdp_jax.cli.settings import Settings, folder_setting, writable
-from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name, warn
+from hitmdp_jax.errors import UsageError, unknown_name, warn
 from hitmdp_jax.experiments import tables
 from hitmdp_jax.experiments.comparison import compare, comparison_figure, length_warning, table
-from hitmdp_jax.figures import registry, theorems
 from hitmdp_jax.figures.curves import save
 from hitmdp_jax.plugins import label
 from hitmdp_jax.runs.config import RunConfig
-from hitmdp_jax.runs.folder import made
 from hitmdp_jax.runs.policy import load
 
 
 def main() -> None:
     """Run the command line."""
-    dispatched(lambda: f"{__doc__}{figures.listing()}", _run)
+    dispatched(lambda: str(__doc__), _run)
 
 
 def _run(target: str, arguments: list[str]) -> int:
@@ -115,43 +108,10 @@ def _algorithms(arguments: list[str]) -> tuple[dict[str, str], list[str]]:
     return algos, rest
 
 
-def draw_theorems(arguments: list[str]) -> int:
-    """Compute and draw Theorem 3.3 and Proposition 3.5.
-
-    Raises:
-      UsageError: a setting is unknown, the seed is no seed, or the folder cannot be made.
-    """
-    defaults = {"run_dir": f"runs/theory/{time.strftime('%Y-%m-%d_%H-%M-%S')}", "seed": "0"}
-    for text in arguments:
-        if "=" not in text:
-            raise UsageError(f"'{text}' is not of the form name=value, e.g. seed=1.")
-    settings = named(arguments)
-    for name in settings:
-        if name not in defaults:
-            raise unknown_name("setting", name, defaults)
-    settings = defaults | settings
-    seed, folder = settings["seed"], folder_setting(settings)
-    assert folder is not None
-    if not (seed.isascii() and seed.isdecimal()) or int(seed) >= 2**32:
-        raise out_of_domain("seed", seed, "a whole number from 0 to 4294967295")
-    made(writable("run_dir", folder, "variance.png"))
-    with jax.enable_x64(True):
-        models = theorems.sample_models(jax.random.key(int(seed)))
-        drawn = {
-            name: entry.draw(models)
-            for name, entry in registry.entries().items()
-            if entry.needs == registry.Needs.MODELS
-        }
-    for name, figure in drawn.items():
-        save(figure, folder / f"{name}.png")
-    print(f"Saved in {folder}.")
-    return 0
-
-
 def count_parameters(run_dir: Path) -> int:
     """Return the number of parameters of one seed of a run."""
     config = RunConfig.load(run_dir)
     return sum(x.size for x in jax.tree.leaves(load(run_dir, config.seed).params))
 
 
-TARGETS = {"compare": run_comparison, "theory": draw_theorems, **suites.TARGETS, **figures.TARGETS}
+TARGETS = {"compare": run_comparison, **suites.TARGETS}

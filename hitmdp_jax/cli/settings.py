@@ -1,14 +1,13 @@
 """How every command line reads settings, and how it says what is wrong with them."""
 
-import argparse
 import copy
 import functools
 import itertools
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import hydra
 from hydra.core.global_hydra import GlobalHydra
@@ -21,10 +20,12 @@ from omegaconf.errors import OmegaConfBaseException
 import hitmdp_jax
 from hitmdp_jax import plugins
 from hitmdp_jax.checks import true_or_false
-from hitmdp_jax.cli.tasks import store_tasks
+from hitmdp_jax.cli import tasks
 from hitmdp_jax.errors import UsageError, unknown_name
-from hitmdp_jax.runs.config import RunConfig, trust_named
 from hitmdp_jax.runs.folder import check_replaceable
+
+if TYPE_CHECKING:  # it imports all that trains, which takes seconds
+    from hitmdp_jax.runs.config import RunConfig
 
 HOST_SETTINGS = (
     "resume",
@@ -38,6 +39,8 @@ OWN_GROUPS = ("env", "algo")  # whose choice may be path/to/file.py:Class
 OWN = "own"  # the choice that stands for it
 PATHS = ("run_dir", "resume")  # whose value is taken as it is, whatever letters it has
 MOST_JOBS = 10_000  # of -m
+WORD = re.compile(r"[A-Za-z_][\w./-]*")  # which Hydra reads as it stands
+CONSTANTS = ("true", "false", "null", "inf", "nan")  # but for these
 HELP = "python train.py --help"  # which lists groups, choices and settings
 # Of Hydra's own settings those that a run with -m heeds; the group -> the choices that an
 # installation adds, and how.
@@ -52,26 +55,6 @@ def configs() -> Path:
     return Path(hitmdp_jax.__file__).parent / "configs"
 
 
-class Parser(argparse.ArgumentParser):
-    """A parser of flags, of a command that reads runs, that says what is wrong as all of them do.
-
-    Args:
-      **arguments: as `argparse.ArgumentParser`.
-    """
-
-    def __init__(self, **arguments: Any):
-        super().__init__(**arguments)
-        self.add_argument("--trust", action="store_true", help="run the files that a run names")
-
-    def error(self, message: str) -> NoReturn:
-        """Raise UsageError, of which `guarded` makes one sentence."""
-        kind, _, arguments = message.partition(": ")
-        if kind == "unrecognized arguments" and arguments.startswith("-"):
-            flag = arguments.split()[0].split("=")[0]
-            raise unknown_name("flag", flag, self._option_string_actions)
-        raise UsageError(f"{message[0].upper()}{message[1:]}; --help lists what can be given.")
-
-
 class Settings:
     """The settings of one command line, read and checked.
 
@@ -84,9 +67,9 @@ class Settings:
     """
 
     def __init__(self, arguments: Sequence[str], multirun: bool = False):
-        self.folder = configs()
+        self.folder, self.multirun = configs(), multirun
         self.groups = {p.name: _choices(p) for p in self.folder.iterdir() if p.is_dir()}
-        self.groups["env"] += store_tasks()
+        self.groups["env"] += tasks.store_tasks()
         parsed = [_parse(_literal(text, multirun)) for text in arguments]
         _check_form(parsed, multirun)
         own = {o.key_or_group for o in parsed if _is_own(o)}
@@ -98,18 +81,19 @@ class Settings:
             if name in own:
                 paths = [quoted(plugins.absolute(choice)) for choice in _listed(override)]
                 self.overrides += [f"{name}={OWN}", f"++{name}.name={','.join(paths)}"]
-            elif name.split(".")[0] in own:
-                self.overrides.append(f"++{text.lstrip('+')}")
             else:
-                self.overrides.append(text)
-                names.append((name, override))
-        self._check(names, multirun)
+                # The keywords of a task are known once its class is, which `run_config` imports.
+                added = name.startswith("env.") or name.split(".")[0] in own
+                self.overrides.append(f"++{text.lstrip('+')}" if added else text)
+                if name.split(".")[0] not in own:
+                    names.append((name, override))
+        self._check(names)
 
-    def _check(self, names: list[tuple[str, Override]], multirun: bool) -> None:
+    def _check(self, names: list[tuple[str, Override]]) -> None:
         values, groups = [], self.groups
         for name, override in names:
             if name.startswith("hydra"):
-                self._check_hydra(name, override, multirun)
+                self._check_hydra(name, override)
             elif name not in groups:
                 values.append(name)
             else:
@@ -117,16 +101,20 @@ class Settings:
                     if choice not in groups[name]:
                         kind = {"env": "environment"}.get(name, name)
                         raise unknown_name(kind, choice, groups[name], listed=HELP)
-        chosen = [o for o in self.overrides if _parse(o).get_key_element().lstrip("+~") in groups]
-        known = [name for job in _product(chosen) for name in self.names(job)]
+        chosen = [o for o in self.overrides if name_of(o) in groups]
+        jobs = _product(chosen)
+        known = {*groups, *(name for job in jobs for name in self.names(job))}
+        if not known.issuperset(values):
+            chosen = {self.values(job)["env"]["name"] for job in jobs}
+            known |= {f"env.{keyword}" for name in chosen for keyword in tasks.keywords(name)}
         for name in values:
             if name not in known:
-                raise unknown_name("setting", name, {*known, *groups}, listed=HELP)
+                raise unknown_name("setting", name, known, listed=HELP)
 
-    def _check_hydra(self, name: str, override: Override, multirun: bool) -> None:
+    def _check_hydra(self, name: str, override: Override) -> None:
         """Let through what decides how the jobs of -m run; nothing else of Hydra's has a say."""
         of_group = any(name.startswith(group.replace("/", ".") + ".") for group in HYDRA_GROUPS)
-        if not multirun or override.is_add() or not (of_group or name in HYDRA_GROUPS):
+        if not self.multirun or override.is_add() or not (of_group or name in HYDRA_GROUPS):
             instead = " run_dir= names the folder." if name.endswith(".dir") else ""
             raise UsageError(
                 f"'{name}' has no say here: of Hydra's own settings, -m takes hydra/launcher, "
@@ -149,24 +137,25 @@ class Settings:
 
     def swept(self) -> list[str]:
         """Return the names of the settings that list several values."""
-        parsed = map(_parse, self.overrides)
-        return [o.get_key_element() for o in parsed if o.is_sweep_override()]
+        return [name_of(o) for o in self.overrides if _parse(o).is_sweep_override()]
 
     def values(self, job: Sequence[str] | None = None) -> dict[str, Any]:
         """Return every setting of a job by name, interpolations resolved.
+
+        Of a task's keywords those are among them that were given a value.
 
         Raises:
           UsageError: Hydra cannot compose them.
         """
         return self._compose(self.overrides if job is None else job)
 
-    def config(self, job: Sequence[str] | None = None, trust: bool = True) -> RunConfig:
+    def config(self, job: Sequence[str] | None = None, trust: bool = True) -> "RunConfig":
         """Return a job's validated settings; `trust` and Raises as `run_config`."""
         return run_config(self.values(job), trust)
 
     def names(self, job: Sequence[str]) -> list[str]:
         """Return the names of a job's settings."""
-        return _dotted(self._compose(job))
+        return [name for name, _ in dotted(self._compose(job))]
 
     def _compose(self, overrides: Sequence[str]) -> dict[str, Any]:
         return copy.deepcopy(_composed(self.folder.absolute(), tuple(overrides)))
@@ -205,8 +194,10 @@ def writable(name: str, path: Path, within: str = "") -> Path:
     return path
 
 
-def run_config(values: dict[str, Any], trust: bool = True) -> RunConfig:
+def run_config(values: dict[str, Any], trust: bool = True) -> "RunConfig":
     """Return a run's validated settings among a command line's values.
+
+    A task's keywords that were given no value have their defaults there.
 
     Args:
       values: every setting by name.
@@ -215,9 +206,14 @@ def run_config(values: dict[str, Any], trust: bool = True) -> RunConfig:
     Raises:
       UsageError: as `RunConfig.from_mapping`.
     """
+    from hitmdp_jax.runs.config import RunConfig, trust_named
+
     if trust:
         trust_named(values, remember=True)
-    return RunConfig.from_mapping({k: v for k, v in values.items() if k not in HOST_SETTINGS})
+    values = {name: x for name, x in values.items() if name not in HOST_SETTINGS}
+    if isinstance(task := values["env"], dict) and isinstance(task.get("name"), str):
+        values["env"] = tasks.defaults(task["name"]) | task
+    return RunConfig.from_mapping(values)
 
 
 def folder_setting(values: dict[str, Any], name: str = "run_dir") -> Path | None:
@@ -262,6 +258,25 @@ def quoted(value: str) -> str:
     if value in ("", "null") or re.fullmatch(r"'.*'|\".*\"", value, re.DOTALL):
         return value
     return "'" + re.sub(r"(\\*)('|$)", lambda m: 2 * m[1] + (m[2] and "\\'"), value) + "'"
+
+
+def written(value: Any) -> str:
+    """Return a value as Hydra reads it."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, Mapping):
+        return "{" + ",".join(f"{name}:{written(x)}" for name, x in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ",".join(map(written, value)) + "]"
+    if isinstance(value, str) and not (WORD.fullmatch(value) and value.lower() not in CONSTANTS):
+        escaped = value.replace("'", r"\'")
+        return f"'{escaped}'"
+    return str(value)
+
+
+def name_of(override: str) -> str:
+    """Return the name of the setting in `name=value`, or `++name=value`."""
+    return override.partition("=")[0].lstrip("+~")
 
 
 def _literal(text: str, multirun: bool) -> str:
@@ -355,9 +370,10 @@ def _choices(group: Path) -> list[str]:
     return [name for name in names if name != OWN]  # which only a path stands for
 
 
-def _dotted(tree: Any, prefix: str = "") -> list[str]:
+def dotted(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the settings that mappings within each other hold, by their full names."""
     if not isinstance(tree, dict):
-        return [prefix]
-    return [
-        name for key, x in tree.items() for name in _dotted(x, f"{prefix}.{key}" if prefix else key)
-    ]
+        yield prefix, tree
+    else:
+        for name, x in tree.items():
+            yield from dotted(x, f"{prefix}.{name}" if prefix else name)

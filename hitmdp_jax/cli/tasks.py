@@ -1,34 +1,85 @@
-"""The tasks among which `env=` chooses: those of all suites, which need no YAML files."""
+"""The tasks among which `env=` chooses, and what their keywords mean, without importing a task."""
 
+import ast
 import functools
+import importlib.util
+import re
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
 
-from hitmdp_jax.envs import suite_names
-from hitmdp_jax.envs.keywords import defaults_of
-from hitmdp_jax.envs.suites import find_suite
+from hitmdp_jax.envs.suites import find_suite, suite_names
 
-PLAIN = (bool, int, float, str, type(None))
+PLAIN = (bool, int, float, str, type(None), tuple)  # what a setting can hold
+HANDED_ON = re.compile(r"^  \*\*\w+: ", re.MULTILINE)  # keywords that the class above explains
+EXPLAINED = re.compile(r"^  (\w+): (.*(?:\n    .*)*)", re.MULTILINE)
 
 
 @functools.cache  # Hydra keeps them as long as the process lives
 def store_tasks() -> tuple[str, ...]:
-    """Give Hydra a configuration of each task: its name and its constructor's defaults.
-
-    Returns:
-      the tasks' names.
-    """
-    store, names = ConfigStore.instance(), suite_names()
+    """Give Hydra a configuration of each task, which holds its name; return the names."""
+    names = suite_names()
     for name in names:
         group, _, choice = f"env/{name}".rpartition("/")
-        store.store(group=group, name=choice, node={"name": name} | _keywords(name))
+        ConfigStore.instance().store(group=group, name=choice, node={"name": name})
     return names
 
 
-def _keywords(name: str) -> dict[str, Any]:
-    """Return a task's keywords and defaults, of those that can be written down."""
+def defaults(name: str) -> dict[str, Any]:
+    """Return the defaults of a task's keywords, of those that can be written down.
+
+    A task of one's own, and one that is unknown, has none here.
+    """
+    from hitmdp_jax.envs.keywords import defaults_of
+
     suite = find_suite(name)
-    assert suite is not None
-    defaults = defaults_of(suite.constructor(name), {"physics"})
-    return {keyword: x for keyword, x in defaults.items() if isinstance(x, (*PLAIN, tuple))}
+    if suite is None or name not in suite.names():
+        return {}
+    every = defaults_of(suite.constructor(name), {"physics"})
+    return {keyword: x for keyword, x in every.items() if isinstance(x, PLAIN)}
+
+
+def keywords(name: str) -> dict[str, str]:
+    """Return what a task's keywords mean, by keyword, as the documentation of its class says.
+
+    Of a task of another library only the keywords are known, and its library has to be imported.
+    """
+    suite = find_suite(name)
+    if suite is None:
+        return {}
+    if not suite.ours:
+        return dict.fromkeys(defaults(name), "")
+    module, _, class_name = suite.tasks[name.removeprefix(suite.prefix)].partition(":")
+    found: dict[str, str] = {}
+    for explained in _explained(f"{suite.folder}.{module}", class_name):
+        found = explained | found
+    return {keyword: meaning for keyword, meaning in found.items() if keyword != "physics"}
+
+
+def _explained(module: str, class_name: str) -> Iterator[dict[str, str]]:
+    """Yield what a class explains under "Args", then what those above it do that it points to."""
+    spec = importlib.util.find_spec(module)
+    assert spec is not None
+    assert spec.origin is not None
+    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    imported = {
+        name.name: x.module
+        for x in tree.body
+        if isinstance(x, ast.ImportFrom) and x.module
+        for name in x.names
+    }
+    classes = {x.name: x for x in tree.body if isinstance(x, ast.ClassDef)}
+    if class_name not in classes:
+        yield from _explained(imported[class_name], class_name)
+        return
+    this = classes[class_name]
+    part = (ast.get_docstring(this) or "").partition("\nArgs:\n")[2].partition("\n\n")[0]
+    yield {keyword: " ".join(text.split()) for keyword, text in EXPLAINED.findall(part)}
+    if not part or HANDED_ON.search(part):
+        for base in this.bases:
+            if isinstance(base, ast.Name) and imported.get(base.id, module).startswith(
+                "hitmdp_jax"
+            ):
+                yield from _explained(module, base.id)

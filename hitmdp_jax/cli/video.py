@@ -1,9 +1,6 @@
-"""Film a trained run: `python -m hitmdp_jax video RUN_DIR --episodes 3`.
+"""Film a trained run, or one that is training."""
 
-Writes an MP4 of the episodes, one after the other, and beside it a filmstrip of the first one: what
-the body does under each option.
-"""
-
+import argparse
 import os
 import subprocess
 import sys
@@ -15,74 +12,61 @@ from typing import Any
 import jax
 
 from hitmdp_jax import plugins
-from hitmdp_jax.cli.evaluate import SEED_OFFSET
-from hitmdp_jax.cli.guard import guarded
-from hitmdp_jax.cli.policies import add_choice, load_chosen
-from hitmdp_jax.cli.settings import Parser, writable
+from hitmdp_jax.cli.policies import (
+    check_output,
+    evaluation_key,
+    load_chosen,
+    load_config,
+    output,
+)
 from hitmdp_jax.envs import check_env, make_env
 from hitmdp_jax.envs.base import MujocoEnv
 from hitmdp_jax.errors import UsageError, warn
+from hitmdp_jax.figures.curves import pixels, save
 from hitmdp_jax.interpret.episodes import run_episodes
 from hitmdp_jax.interpret.evaluation import check_episodes, check_fit
 from hitmdp_jax.physics import find_engine
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
 from hitmdp_jax.runs.config import RunConfig
-from hitmdp_jax.runs.folder import CONFIG, VIDEOS, made, subfolder, write
+from hitmdp_jax.runs.folder import CONFIG, VIDEOS, subfolder, write
 from hitmdp_jax.runs.host import set_up_host
 from hitmdp_jax.runs.interrupt import StopRequest
 from hitmdp_jax.runs.sinks import Values
 from hitmdp_jax.runs.sinks.tensorboard import write_pictures
+from hitmdp_jax.video.film import animated, require_ffmpeg, write_video
+from hitmdp_jax.video.filmstrip import filmstrip
+from hitmdp_jax.video.rendering import check_drawing
 
 ERRORS = "errors.txt"
 ENGINE = "native"  # of videos during a run: the first to be ready
 
 
-def main() -> None:
-    """Run the command line."""
-    guarded(_main)
-
-
-def _main() -> None:
-    parser = Parser(prog="python -m hitmdp_jax video", description=__doc__)
-    add_choice(parser)
-    parser.add_argument("--episodes", type=int, default=3, help="how many (3)")
-    parser.add_argument("--out", type=Path, help="an .mp4, or a folder; RUN_DIR/videos")
-    parser.add_argument("--engine", default=None, help="native, mjx or warp; the run's own")
-    parser.add_argument("--deterministic", action="store_true", help="do not sample")
-    parser.add_argument(
-        "--tensorboard", action="store_true", help="events of both beside the video"
-    )
-    options = parser.parse_args()
-    check_episodes(options.episodes)
-    config = RunConfig.load(options.run_dir, options.trust)
-    engine = config.physics if options.engine is None else options.engine
+def run(arguments: argparse.Namespace) -> None:
+    """Do what `hitmdp video` says; Raises UsageError as what it calls."""
+    check_episodes(arguments.episodes)
+    config = load_config(arguments)
+    engine = config.physics if arguments.engine is None else arguments.engine
     find_engine(engine).check()
     check_filming(config)
-    set_up_host(engine, options.episodes)
-    choice = load_chosen(options)
-    out = options.out or subfolder(options.run_dir, VIDEOS)
-    path = out if out.suffix == ".mp4" else out / f"{choice.name}.mp4"
+    set_up_host(engine, arguments.episodes)
+    choice = load_chosen(arguments, config)
+    path = output(arguments, VIDEOS, f"{choice.name}.mp4")
+    path = path if path.suffix == ".mp4" else path / f"{choice.name}.mp4"
     strip = path.with_suffix(".png")
-    for file in (path, strip):
-        writable("--out", file)
-    made(path.parent)
+    check_output(path, strip)
     env: Any = make_env(**choice.task, physics=engine)
     check_fit(choice.policy, env)
-    key = jax.random.key(choice.training.seed + SEED_OFFSET)
-    how = {"deterministic": options.deterministic, "physics": True}
-    recorded = jax.device_get(run_episodes(choice.policy, env, key, options.episodes, **how))
+    key = evaluation_key(choice.training)
+    how = {"deterministic": arguments.deterministic, "physics": True}
+    recorded = jax.device_get(run_episodes(choice.policy, env, key, arguments.episodes, **how))
     for total, steps in zip(recorded.returns, recorded.lengths, strict=True):
         print(f"An episode of {steps:,} steps, return {total:,.1f}.")
-    from hitmdp_jax.figures.curves import pixels, save
-    from hitmdp_jax.video.film import animated, write_video
-    from hitmdp_jax.video.filmstrip import filmstrip
-
     write_video(path, env, recorded)
     title = f"{choice.config.title}, {choice.training.name}, {choice.env_steps:,} env steps"
-    figure = filmstrip(env, recorded, title=title)
-    save(figure, strip, dpi=100)
-    if options.tensorboard:
-        shown = {"filmstrip": pixels(figure), "video": animated(path)}
+    picture = filmstrip(env, recorded, title=title)
+    save(picture, strip, dpi=100)
+    if arguments.tensorboard:
+        shown = {"filmstrip": pixels(picture), "video": animated(path)}
         write_pictures(path.parent, shown, choice.env_steps)
     print(f"Saved {path}, and {strip.name} beside it.")
 
@@ -93,12 +77,6 @@ def check_filming(config: RunConfig) -> None:
     Raises:
       UsageError: saying what is missing.
     """
-    # What draws takes a second to import, which `train.py` may do without.
-    from hitmdp_jax.video.film import require_ffmpeg
-    from hitmdp_jax.video.rendering import check_drawing
-
-    if not config.tasks:
-        raise UsageError("The run was saved from Python and names no task.")
     for task in config.tasks:
         constructor = check_env(**task)
         if not isinstance(constructor, type) or not issubclass(constructor, MujocoEnv):

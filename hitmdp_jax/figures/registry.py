@@ -12,13 +12,14 @@ import importlib
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
-
-import numpy as np
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, NamedTuple
 
 from hitmdp_jax.errors import unknown_name
 from hitmdp_jax.figures import catalogue
+
+if TYPE_CHECKING:  # the names are listed without them
+    import numpy as np
+    from matplotlib.figure import Figure
 
 
 class Needs(enum.Enum):
@@ -45,7 +46,7 @@ class RunMetrics(NamedTuple):
     """A run as its metrics tell of it."""
 
     title: str
-    metrics: Mapping[str, np.ndarray]  # [R, iterations], as `read_metrics` gives them
+    metrics: "Mapping[str, np.ndarray]"  # [R, iterations], as `read_metrics` gives them
     algorithm: str  # as settings name it
     switch_at: int | None = None  # environment steps after which a transfer's second task began
 
@@ -56,7 +57,7 @@ class Entry:
 
     title: str
     needs: Needs
-    draw: Callable[..., Figure]  # it raises UsageError where there is nothing to draw
+    draw: "Callable[..., Figure]"  # it raises UsageError where there is nothing to draw
     section: Section | None = None  # None: not on a run's page
     caption: str = ""  # what a reader of the page needs to know
 

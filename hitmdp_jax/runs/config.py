@@ -21,7 +21,7 @@ from hitmdp_jax.envs.spec import Box, Observation, Spec, spec_of
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.physics import find_engine
 from hitmdp_jax.reading import read_yaml
-from hitmdp_jax.runs.folder import CONFIG
+from hitmdp_jax.runs.folder import CONFIG, require_run
 from hitmdp_jax.runs.schedule import Schedule
 from hitmdp_jax.training.sizes import check_sizes, usual_pool_size
 from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
@@ -308,9 +308,8 @@ class RunConfig:
           UsageError: the folder holds no run, or one that cannot be read; or it names a file that
             nobody here trusts (`plugins`).
         """
+        require_run(run_dir)
         path = run_dir / CONFIG
-        if not path.is_file():
-            raise UsageError(f"'{run_dir}' is not a run's folder: it has no config.yaml.")
         settings = read_yaml(path)
         if not isinstance(settings, dict):
             raise UsageError(f"'{path}' cannot be read: it does not hold a run's settings.")

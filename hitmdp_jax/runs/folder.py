@@ -33,6 +33,16 @@ FILES = (
 )  # fmt: skip
 
 
+def require_run(run_dir: Path) -> None:
+    """Check that a folder holds a run, whatever its settings are.
+
+    Raises:
+      UsageError: it does not.
+    """
+    if not (run_dir / CONFIG).is_file():
+        raise UsageError(f"'{run_dir}' is not a run's folder: it has no {CONFIG}.")
+
+
 def members(run_dir: Path) -> list[Path]:
     """Return what a run left in its folder, the settings last, without which it holds no run."""
     names = os.listdir(run_dir)

@@ -7,10 +7,13 @@ import sys
 import pytest
 import yaml
 
-from hitmdp_jax.cli import arms, evaluate, export, report, reproduce, train, video
+import hitmdp_jax.__main__
+from hitmdp_jax.cli import arms
+from hitmdp_jax.figures import theorems
 from hitmdp_jax.runs import loop
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
 from hitmdp_jax.runs.config import RunConfig
+from tests.cli.conftest import WITH_A_HOST
 from tests.probes import untrained
 
 OWN = """
@@ -135,9 +138,9 @@ def unchanged(workspace, monkeypatch):
     monkeypatch.chdir(workspace)
     monkeypatch.setattr(loop, "prepare", trained)
     monkeypatch.setattr(arms, "train", trained)
-    monkeypatch.setattr(reproduce.theorems, "sample_models", trained)
-    for command in (train, evaluate, video, export, report):
-        monkeypatch.setattr(command, "set_up_host", lambda *args: None)
+    monkeypatch.setattr(theorems, "sample_models", trained)
+    for module in WITH_A_HOST:
+        monkeypatch.setattr(module, "set_up_host", lambda *args: None)
     before = contents(workspace)
     yield
     assert contents(workspace) == before
@@ -161,9 +164,9 @@ def explained(unchanged, monkeypatch, capsys):
 
     def run(command, arguments, part):
         words = [word.strip("'") for word in arguments.split(" ") if word]
-        monkeypatch.setattr(sys, "argv", ["command", *words])
+        monkeypatch.setattr(sys, "argv", ["hitmdp", command, *words])
         with pytest.raises(SystemExit) as stopped:
-            command.main()
+            hitmdp_jax.__main__.main()
         out, err = capsys.readouterr()
         *warnings, last = err.splitlines()
         assert last.startswith("error: "), err

@@ -5,8 +5,6 @@ A row is a command line and a part of the sentence that explains its mistake (co
 
 import pytest
 
-from hitmdp_jax.cli import evaluate, export, report, reproduce, study, train, video
-
 # What reads a run's folder says what is wrong with it, whichever command it is.
 FOLDERS = [
     ("nowhere", "'nowhere' is not a run's folder"),
@@ -33,7 +31,7 @@ FOLDERS = [
 ]
 
 EVALUATE = [
-    ("", "run_dir"),
+    ("", "RUN_DIR"),
     ("run more", "more"),
     ("run --episodes 0", "episodes = 0 must be a positive whole number"),
     ("run --episodes -3", "episodes = -3 must be a positive whole number"),
@@ -129,17 +127,6 @@ REPRODUCE = [
     ("compare run_dir=", "run_dir = '' names no folder"),
     ("compare run_dir=notes.txt algos=ppo", "notes.txt"),
     ("compare run_dir=compared env=toy/turkey algos=ppo seeds=5", "a run with other settings"),
-    ("theory sed=1", "Unknown setting 'sed'; did you mean 'seed'?"),
-    ("theory seed=-1", "seed = -1 must be a whole number"),
-    ("theory seed=abc", "seed = abc must be a whole number"),
-    ("theory seed=", "seed =  must be a whole number"),
-    ("theory seed=4294967296", "seed = 4294967296 must be a whole number"),
-    ("theory seed", "'seed' is not of the form name=value"),
-    ("theory seed=²", "seed = ² must be a whole number"),
-    ("theory run_dir=", "run_dir = '' names no folder"),
-    ("theory run_dir=notes.txt", "notes.txt"),
-    ("theory run_dir=notes.txt/a", "notes.txt/a"),
-    ("theory seed=1 seed=2", "set seed twice"),
     ("table1 tasks=swimer", "Unknown task 'swimer'; did you mean 'swimmer'?"),
     ("table1 tasks=", "Unknown task ''"),
     ("table1 arms=mopg,dca", "Unknown arm 'dca'; did you mean 'dac'?"),
@@ -160,15 +147,29 @@ REPRODUCE = [
     ("results page=/proc/a.md", "page = /proc/a.md cannot be written"),
     ("results results=notes.txt", "results = notes.txt cannot be written"),
     ("results page=a.md page=b.md", "set page twice"),
-    ("figure7", "The following arguments are required: RUN_DIR"),
-    ("figure15 run", "Unknown target 'figure15'; did you mean 'figure5'?"),
-    ("figure7 run run", "Unrecognized arguments"),
+]
+
+FIGURE = [
+    ("", "The following arguments are required: FIGURE"),
+    ("figure7", "figure7 is a figure of recorded episodes: name a RUN_DIR."),
+    ("figure15 run", "Unknown figure 'figure15'; did you mean 'figure5'?"),
+    ("figure7 run run", "figure7 is a figure of recorded episodes: name one RUN_DIR."),
     ("figure7 run --sed 1", "did you mean '--seed'?"),
     ("figure7 other_algo --episodes 0", "episodes = 0 must be a positive whole number"),
     ("figure7 other_algo --episodes 99999999999", "of memory, most of it for episodes"),
     ("figure6 run --seed 9", "seed = 9 is not in the run"),
+    ("figure6 run --episodes 3", "--episodes has no say: figure6 shows no episodes."),
+    ("figure6 run --checkpoint best", "--checkpoint has no say: figure6 shows no episodes."),
     ("figure8 run nowhere", "'nowhere' is not a run's folder"),
-]  # fmt: skip
+    ("variance run", "a figure of random option frameworks: leave RUN_DIR out."),
+    ("variance --sed 1", "did you mean '--seed'?"),
+    ("variance --seed=-1", "seed = -1 must be a whole number"),
+    ("variance --seed abc", "--seed"),
+    ("variance --seed 4294967296", "seed = 4294967296 must be a whole number"),
+    ("variance --setting 1", "--setting has no say"),
+    ("variance --out notes.txt/a", "--out = notes.txt/a cannot be written: a file is in its way."),
+    ("variance --out empty", "--out = empty cannot be written: it is not a file."),
+]
 
 REPORT = [
     ("", "RUN_DIR"),
@@ -211,20 +212,19 @@ STUDY = [
 ]
 
 ROWS = [
-    *((train, f"resume={name}", part) for name, part in FOLDERS),
-    *((evaluate, *row) for row in EVALUATE),
-    *((video, *row) for row in VIDEO),
-    *((export, *row) for row in EXPORT),
-    *((reproduce, *row) for row in REPRODUCE),
-    *((report, *row) for row in REPORT),
-    *((study, *row) for row in STUDY),
+    *(("train", f"resume={name}", part) for name, part in FOLDERS),
+    *(("evaluate", *row) for row in EVALUATE),
+    *(("video", *row) for row in VIDEO),
+    *(("export", *row) for row in EXPORT),
+    *(("reproduce", *row) for row in REPRODUCE),
+    *(("figure", *row) for row in FIGURE),
+    *(("report", *row) for row in REPORT),
+    *(("study", *row) for row in STUDY),
 ]
 
 
-def name_of(row):
-    return f"{row[0].__name__.rpartition('.')[2]} {row[1]}"
-
-
-@pytest.mark.parametrize(("command", "arguments", "part"), ROWS, ids=map(name_of, ROWS))
+@pytest.mark.parametrize(
+    ("command", "arguments", "part"), ROWS, ids=[f"{row[0]} {row[1]}" for row in ROWS]
+)
 def test_commands(command, arguments, part, explained):
     explained(command, arguments, part)

@@ -292,7 +292,7 @@ def test_good_ones_pass(env, agent):
 
 
 def test_every_way_to_make_a_task_checks_it(tmp_path, monkeypatch):
-    monkeypatch.setattr("hitmdp_jax.envs._registered", {})
+    monkeypatch.setattr("hitmdp_jax.envs.registry._registered", {})
     hitmdp_jax.register_env("mine", functools.partial(task, action_size=0))
     with pytest.raises(UsageError, match="'mine' cannot be trained on: its action_size = 0"):
         hitmdp_jax.make_env("mine", action_repeat=2)

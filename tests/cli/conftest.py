@@ -1,7 +1,6 @@
 import contextlib
 import csv
 import dataclasses
-import importlib
 import io
 import os
 import subprocess
@@ -14,12 +13,14 @@ from pathlib import Path
 import jax
 import pytest
 
-from hitmdp_jax.cli import arms, figures
+import hitmdp_jax.__main__
+from hitmdp_jax.cli import arms, evaluate, export, figure, report, training, video
 from hitmdp_jax.runs.config import BESIDE_THE_POINT
 from hitmdp_jax.runs.run import Run
 from tests import probes
 from tests.signals import signals_heard
 
+WITH_A_HOST = (training, evaluate, video, export, report, figure)
 CHECKOUT = Path(__file__).parents[2]
 SMALL = tuple(f"algo.{name}={x}" for name, x in probes.QUICK["algo"].items() if name != "name")
 SMALL += ("report=false",)
@@ -45,7 +46,7 @@ def variables(compilation_cache):
 
 @pytest.fixture(scope="package")
 def command(variables, tmp_path_factory):
-    """Run `python -m hitmdp_jax.<name> ...` to its end in an empty folder, or `cwd`.
+    """Run `hitmdp <name> ...` to its end in an empty folder, or `cwd`.
 
     In this process: another one would take seconds to import what is imported here. Runs that
     differ in nothing that is compiled share a program.
@@ -60,23 +61,22 @@ def command(variables, tmp_path_factory):
         return known.get(compiled) or known.setdefault(compiled, programs(run, task))
 
     def run(name, *arguments, cwd=folder):
-        module = importlib.import_module(f"hitmdp_jax.cli.{name}")
         out, err = io.StringIO(), io.StringIO()
         with (
             pytest.MonkeyPatch.context() as patch,
             contextlib.redirect_stdout(out),
             contextlib.redirect_stderr(err),
         ):
-            patch.setattr(sys, "argv", [name, *map(str, arguments)])
+            patch.setattr(sys, "argv", ["hitmdp", name, *map(str, arguments)])
             patch.setattr(threading, "excepthook", threading.excepthook)
             # This process is set up already, as it can be only once.
-            for where in (module, figures):
-                patch.setattr(where, "set_up_host", lambda *args: None, raising=False)
+            for module in WITH_A_HOST:
+                patch.setattr(module, "set_up_host", lambda *args: None)
             for name_and_value in variables.items():
                 patch.setenv(*name_and_value)
             patch.setattr(Run, "programs", shared)
             patch.chdir(cwd)
-            code = exit_code_of(module.main)
+            code = exit_code_of(hitmdp_jax.__main__.main)
         return subprocess.CompletedProcess(name, code, out.getvalue(), err.getvalue())
 
     return run
@@ -109,7 +109,7 @@ def exit_code_of(function):
 
 @pytest.fixture
 def start(variables, tmp_path):
-    """Start `python -m hitmdp_jax.<name> ...` and return the process."""
+    """Start `hitmdp <name> ...` and return the process."""
     processes = []
 
     def begin(name, *arguments, stdout=subprocess.PIPE):

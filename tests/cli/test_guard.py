@@ -1,5 +1,4 @@
 import errno
-import importlib
 import io
 import os
 import resource
@@ -10,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hitmdp_jax.__main__ import COMMANDS
+from hitmdp_jax.__main__ import COMMANDS, main
 from hitmdp_jax.cli.guard import Output, guarded
 from hitmdp_jax.cli.settings import Settings, folder_setting
 from hitmdp_jax.runs.host import set_up_host
@@ -75,12 +74,11 @@ def test_no_file_takes_the_number_of_a_closed_output(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_working_directory_that_is_gone_is_explained(monkeypatch, tmp_path, capsys, name):
-    command = importlib.import_module(f"hitmdp_jax.cli.{name}")
-    monkeypatch.setattr(sys, "argv", [name, "run"])
+    monkeypatch.setattr(sys, "argv", ["hitmdp", name, "run"])
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()
-    assert exit_code_of(command.main) == 2
+    assert exit_code_of(main) == 2
     assert "The working directory has been deleted" in capsys.readouterr().err
 
 

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from hitmdp_jax.cli.jobs import sweep_folder
 from hitmdp_jax.cli.settings import Settings
-from hitmdp_jax.cli.train import _sweep_folder, train
+from hitmdp_jax.cli.training import train
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.runs.checkpoint import Checkpoints, saved_iterations
 from hitmdp_jax.runs.config import RunConfig
@@ -252,10 +253,10 @@ def test_jobs_that_a_launcher_sends_elsewhere_are_not_held_to_this_machines_memo
     monkeypatch.chdir(tmp_path)
     arguments = [*QUICK, "seed=0,1", "seeds=1e9", "run_dir=sweep"]
     with pytest.raises(UsageError, match="of memory, most of it for seeds"):
-        _sweep_folder(Settings(arguments, multirun=True))
+        sweep_folder(Settings(arguments, multirun=True))
     assert not Path("sweep").exists()
     elsewhere = Settings([*arguments, "hydra/launcher=basic"], multirun=True)
-    assert _sweep_folder(elsewhere) == Path("sweep")
+    assert sweep_folder(elsewhere) == Path("sweep")
 
 
 def test_a_sweep_checks_every_job_first_and_resumes(command, tmp_path):

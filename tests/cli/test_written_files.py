@@ -12,7 +12,7 @@ import numpy as np
 import orbax.checkpoint as ocp
 import pytest
 
-from hitmdp_jax.cli import export, figures, report, reproduce, study, suites, video
+from hitmdp_jax.cli import export, figure, report, reproduce, study, suites, video
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.experiments import results, sweeps
 from hitmdp_jax.figures import theorems
@@ -26,7 +26,7 @@ EVALUATE = ("evaluate", "{}", "--episodes=2")
 REPORT = ("report", "{}")
 EXPORT = ("export", "{}", "--format=stablehlo")
 VIDEO = ("video", "{}", "--episodes=1")
-DRAW = ("reproduce", "figure6", "{}")
+DRAW = ("figure", "figure6", "{}")
 RESUME = ("train", "resume={}", "total_steps=10240", "report=false")
 PAGE, CURVES = ("reproduce", "results"), ("reproduce", "curves")
 EXPORTED = f"{folder.EXPORT}/policy_8192.stablehlo"
@@ -108,9 +108,9 @@ LATE = [
     ((*REPORT, "{}/../run"), "../comparison.html", (report, "_named")),
     *((EXPORT, name, (export, "export")) for name in (EXPORTED, f"{EXPORTED}.json")),
     *((VIDEO, f"{FILMED}.{kind}", (video, "run_episodes")) for kind in ("mp4", "png")),
-    (DRAW, DRAWN, (figures, "_metrics_of")),
-    (("reproduce", "causal", "{}"), f"{folder.FIGURES}/causal.png", (figures, "analysis_of")),
-    (("reproduce", "theory", "run_dir={}"), "variance.png", (theorems, "sample_models")),
+    (DRAW, DRAWN, (figure, "metrics_of")),
+    (("figure", "causal", "{}"), f"{folder.FIGURES}/causal.png", (figure, "analysis_of")),
+    (("figure", "variance", "--out={}/a.png"), "a.png", (theorems, "sample_models")),
     (("reproduce", "compare", "run_dir={}"), "comparison.png", (reproduce, "train_arms")),
     (("study", "memory", "run_dir={}"), "study.md", (study, "train_arms")),
     (("study", "memory", "append={}/notes.md"), "notes.md", (study, "train_arms")),

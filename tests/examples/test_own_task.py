@@ -51,7 +51,7 @@ def test_it_trains(physics):
 
 
 def test_it_runs_as_a_script(monkeypatch, capsys):
-    monkeypatch.setattr("hitmdp_jax.envs._registered", {})
+    monkeypatch.setattr("hitmdp_jax.envs.registry._registered", {})
     runpy.run_path(str(FILE), run_name="__main__")
     assert capsys.readouterr().out.startswith("[")
 

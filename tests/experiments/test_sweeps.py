@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from hitmdp_jax.cli.train import final_return
+from hitmdp_jax.cli.jobs import final_return
 from hitmdp_jax.experiments.comparison_page import comparison_page
 from hitmdp_jax.experiments.sweeps import by_setting, draw_sweep, rank, sweep_figure, table
 from hitmdp_jax.report.run_report import RunReport

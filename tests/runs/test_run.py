@@ -40,7 +40,7 @@ class Heavy(Target):
 @pytest.fixture(scope="module", autouse=True)
 def tasks():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("hitmdp_jax.envs._registered", {})
+        patch.setattr("hitmdp_jax.envs.registry._registered", {})
         hitmdp_jax.register_env("target", Target)
         hitmdp_jax.register_env("clocked", Clocked)
         hitmdp_jax.register_env("heavy", Heavy)

@@ -1,0 +1,131 @@
+"""Draw one figure, of trained runs or of random option frameworks."""
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+
+from hitmdp_jax.cli.policies import (
+    check_output,
+    evaluation_key,
+    load_chosen,
+    load_config,
+    output,
+)
+from hitmdp_jax.cli.settings import writable
+from hitmdp_jax.envs import make_env
+from hitmdp_jax.errors import UsageError, out_of_domain, warn
+from hitmdp_jax.experiments import tables
+from hitmdp_jax.figures import registry, theorems
+from hitmdp_jax.figures.curves import read_metrics, save
+from hitmdp_jax.figures.registry import Entry, Needs, RunMetrics
+from hitmdp_jax.interpret.evaluation import check_episodes
+from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, table
+from hitmdp_jax.interpret.option_analysis import OptionAnalysis
+from hitmdp_jax.interpret.option_use import number_of_options
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.folder import FIGURES
+from hitmdp_jax.runs.host import set_up_host
+from hitmdp_jax.runs.policy import places
+from hitmdp_jax.video import filmstrip
+
+EPISODES = 8  # to record, where a figure shows episodes
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Do what `hitmdp figure` says.
+
+    Raises:
+      UsageError: the figure cannot be drawn of what the folders hold, or of so many folders.
+    """
+    name = arguments.name
+    entry = registry.find(name)
+    _check(entry, arguments)
+    path = Path(f"{name}.png")
+    if arguments.out or arguments.run_dirs:
+        path = output(arguments, FIGURES, path.name)
+    writable("--out", path)  # before any work; the folder is made once there is a figure
+    figure = _drawn(entry, arguments)
+    check_output(path)
+    save(figure, path)
+    print(path)
+
+
+def _check(entry: Entry, arguments: argparse.Namespace) -> None:
+    """Raise UsageError where a figure is drawn of fewer runs, or of more, or shows no episodes."""
+    number, name = len(arguments.run_dirs), arguments.name
+    if entry.needs == Needs.MODELS and number:
+        raise UsageError(f"{name} is a figure of random option frameworks: leave RUN_DIR out.")
+    if entry.needs != Needs.MODELS and not number:
+        raise UsageError(f"{name} is a figure of {entry.needs.value}: name a RUN_DIR.")
+    if entry.needs != Needs.RUNS and number > 1:
+        raise UsageError(f"{name} is a figure of {entry.needs.value}: name one RUN_DIR.")
+    if entry.needs not in (Needs.EPISODES, Needs.PICTURES):
+        for flag in ("setting", "checkpoint", "task", "episodes"):
+            if getattr(arguments, flag) is not None:
+                raise UsageError(f"--{flag} has no say: {name} shows no episodes.")
+
+
+def _drawn(entry: Entry, arguments: argparse.Namespace) -> Figure:
+    """Draw a figure of what it needs."""
+    if entry.needs == Needs.MODELS:
+        seed = arguments.seed or 0
+        if not 0 <= seed < 2**32:
+            raise out_of_domain("seed", seed, "a whole number from 0 to 4294967295")
+        with jax.enable_x64(True):
+            return entry.draw(theorems.sample_models(jax.random.key(seed)))
+    if entry.needs in (Needs.METRICS, Needs.RUNS):
+        runs = metrics_of(arguments)
+        return entry.draw(runs if entry.needs == Needs.RUNS else runs[0])
+    analysis = analysis_of(arguments)
+    more = [_pictures(arguments.name, analysis)] if entry.needs == Needs.PICTURES else []
+    figure = entry.draw(analysis, *more)
+    if arguments.name == "causal":
+        tables.show(table(analysis.interventions))
+    return figure
+
+
+def analysis_of(arguments: argparse.Namespace) -> OptionAnalysis:
+    """Return what the options of a policy do, on the task that it was trained on last.
+
+    Raises:
+      UsageError: the run names no task, has no options, or no such seed or checkpoint.
+    """
+    config = load_config(arguments, with_task=False)
+    number = number_of_options(config.make_agent())
+    episodes = EPISODES if arguments.episodes is None else arguments.episodes
+    check_episodes(episodes)
+    config.task_at(1)
+    set_up_host(config.physics, episodes * (number + WITHOUT_EACH_OPTION))
+    choice = load_chosen(arguments, config)
+    env = make_env(**choice.task, physics=config.physics)
+    return OptionAnalysis(choice.policy, env, evaluation_key(choice.training), episodes)
+
+
+def metrics_of(arguments: argparse.Namespace) -> list[RunMetrics]:
+    """Return the metrics of one training of each run."""
+    configs = {path: RunConfig.load(path, arguments.trust) for path in arguments.run_dirs}
+    runs: list[RunMetrics] = []
+    for run_dir, config in configs.items():
+        (number, *_) = places(
+            config.trainings, config.seed if arguments.seed is None else arguments.seed
+        )
+        everyone = read_metrics(run_dir, len(config.trainings))
+        metrics = {column: x[number : number + 1] for column, x in everyone.items()}
+        title = f"{config.title}, seed {config.trainings[number].seed}"
+        if any(title == other.title for other in runs):
+            title = f"{title} ({run_dir})"
+        runs.append(RunMetrics(title, metrics, config.algo["name"], config.switch_at))
+    return runs
+
+
+def _pictures(name: str, analysis: OptionAnalysis) -> Mapping[int, np.ndarray]:
+    """Return pictures of the first episode; none, with a warning, where nothing can be drawn."""
+    try:
+        return filmstrip.pictures(analysis.env, analysis.trajectories)
+    except UsageError as reason:
+        warn(f"{name} shows no pictures: {reason}")
+        return {}

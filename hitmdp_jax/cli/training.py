@@ -1,0 +1,153 @@
+"""One training of the command line: from checked settings to its page, and the exit code."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from hitmdp_jax.cli.settings import flag_setting, folder_setting, run_config
+from hitmdp_jax.cli.tensorboard import OptionFigures
+from hitmdp_jax.errors import UsageError, warn
+from hitmdp_jax.runs import processes
+from hitmdp_jax.runs.checkpoint import saved_iterations
+from hitmdp_jax.runs.claim import already_there, claim, is_finished, newest
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.host import set_up_host
+from hitmdp_jax.runs.interrupt import InterruptedRunError
+from hitmdp_jax.runs.run import Run
+
+CHANGEABLE = ("total_steps", "data_devices")  # settings that a resumed run may change
+RESUMABLE = ("resume", "report", "distributed", "trust", *CHANGEABLE)  # what may be set then
+SHOWN = 10  # settings of a sweep, the best; sweep.csv has all
+DIVERGED = 3  # the exit code of a run in which a seed was lost
+
+
+@processes.ending_together()
+def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
+    """Train as the settings say; return the exit code.
+
+    Args:
+      values: every setting by name.
+      names: the settings that the command line names.
+      go_on: continue a run of the same settings where the folder holds one.
+
+    Raises:
+      UsageError: a setting or a folder is unusable.
+    """
+    run_dir, resume = folder_setting(values), folder_setting(values, "resume")
+    overwrite, report = (flag_setting(values, name) for name in ("overwrite", "report"))
+    if flag_setting(values, "distributed"):
+        processes.join()
+    if resume is not None:
+        resume = run_dir = newest() if str(resume) == "latest" else resume
+        config = _resumed(resume, names, values)
+    else:
+        config = run_config(values)
+        config.check_installed()
+        config.check_memory()
+        if config.video_every:
+            from hitmdp_jax.cli.video import check_filming
+
+            check_filming(config)
+        if go_on and run_dir is not None and already_there(run_dir, config):
+            resume = run_dir
+    set_up_host(config.physics, config.num_envs, len(config.trainings), config.data_devices)
+    processes.check_same("settings", config.to_yaml())
+    if resume is not None and processes.told(lambda: is_finished(resume, config.schedule)):
+        done = f"{config.schedule.env_steps:,} env steps"
+        print(f"{run_dir} is finished: {done}. A larger total_steps goes on.")
+        return 0
+    run = Run.create(config)  # or say why not, before a folder is made
+    if resume is None:
+        run_dir = Path(processes.told(lambda: str(claim(run_dir, config, overwrite))))
+    assert run_dir is not None
+    begun = resume is not None and processes.told(lambda: bool(saved_iterations(run_dir)))
+    return _run(run, run_dir, begun, report)
+
+
+def _run(run: Run, run_dir: Path, resume: bool, report: bool) -> int:
+    """Train, draw what was learned, report it and say how it ended."""
+    from hitmdp_jax.runs import loop
+    from hitmdp_jax.runs.reporter import Hook
+
+    config = run.config
+    hooks: list[Hook] = [OptionFigures(config, run_dir)]
+    if config.video_every:
+        from hitmdp_jax.cli.video import Videos
+
+        hooks.append(Videos(config, run_dir))
+    if config.eval_every:
+        from hitmdp_jax.cli.evaluate import Evaluation
+
+        hooks.append(Evaluation(config, run_dir))
+    try:
+        outcome = loop.run(run, run_dir, resume=resume, hooks=hooks)
+    except InterruptedRunError as stop:
+        print(f"Stopped before the first iteration; nothing to save in {run_dir}.", flush=True)
+        os._exit(128 + stop.signum)  # the compiler's thread cannot be stopped otherwise
+    if not processes.is_first():
+        return 128 + outcome.signum if outcome.signum else DIVERGED if outcome.diverged else 0
+    if outcome.failure:
+        raise UsageError(f"The last state is not saved: {outcome.failure}")
+    where = f"Stopped at {outcome.env_steps:,} env steps, saved"
+    print(f"{where if outcome.signum else 'Saved'} in {run_dir}.")
+    # Matplotlib and SciPy take seconds to import, in which the training could run already.
+    from hitmdp_jax.experiments import tables
+    from hitmdp_jax.experiments.comparison import headline
+    from hitmdp_jax.experiments.sweeps import draw_sweep
+    from hitmdp_jax.figures.curves import draw_figures, read_metrics
+
+    try:
+        if config.sweep:
+            tables.show(draw_sweep(run_dir, config)[: 1 + SHOWN])
+        elif metrics := read_metrics(run_dir, len(config.trainings)):
+            name, score = headline(metrics, config.switch_at)
+            print(f"{name.capitalize()}: {score}.")
+            draw_figures(run_dir, config.title, config.algo["name"], config.switch_at)
+    except (OSError, UsageError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        warn(f"the figures could not be drawn: {reason}")
+    for training, (iteration, cause) in outcome.diverged.items():
+        print(
+            f"{training.name} diverged at iteration {iteration}, when its {cause} ceased to be "
+            "finite; it keeps what it had learned before.",
+            file=sys.stderr,
+        )
+    if outcome.signum:
+        print(f"resume={run_dir} goes on exactly from there.")
+        return 128 + outcome.signum
+    if report:
+        from hitmdp_jax.cli.report import write
+
+        try:
+            write(run_dir, config)
+        except (UsageError, OSError) as error:
+            warn(f"the report could not be written: {error}")
+    return DIVERGED if outcome.diverged else 0
+
+
+def _resumed(run_dir: Path, names: list[str], values: dict[str, Any]) -> RunConfig:
+    """Return the settings a resumed run goes on with."""
+    for name in names:
+        if name not in RESUMABLE:
+            raise UsageError(
+                f"resume={run_dir} goes on with the run's own settings; only "
+                f"{' and '.join(CHANGEABLE)} can be changed, not '{name}'."
+            )
+    config = RunConfig.load(run_dir, flag_setting(values, "trust"))
+    if config.env is None:
+        raise UsageError(f"'{run_dir}' was saved from Python and names no task to go on with.")
+    changes = {name: values[name] for name in CHANGEABLE if name in names}
+    changed = RunConfig.from_mapping(config.to_dict() | changes)
+    if config.second_env is not None and changed.schedule.iterations != config.schedule.iterations:
+        raise UsageError(
+            f"'{run_dir}' is a transfer, whose total_steps = {config.total_steps:,} say when it "
+            "goes over to its second task; they cannot be changed."
+        )
+    done = max(saved_iterations(run_dir), default=0)
+    if "total_steps" in names and changed.schedule.iterations < done:
+        raise UsageError(
+            f"total_steps = {changed.total_steps:,} is less than the "
+            f"{changed.schedule.steps_after(done):,} that '{run_dir}' has done."
+        )
+    return changed
