@@ -44,18 +44,15 @@ def defaults(name: str) -> dict[str, Any]:
 def keywords(name: str) -> dict[str, str]:
     """Return what a task's keywords mean, by keyword, as the documentation of its class says.
 
-    Of a task of another library only the keywords are known, and its library has to be imported.
+    Where it says nothing, as another library's does, the class is imported for the keywords alone.
     """
-    suite = find_suite(name)
-    if suite is None:
-        return {}
-    if not suite.ours:
-        return dict.fromkeys(defaults(name), "")
-    module, _, class_name = suite.tasks[name.removeprefix(suite.prefix)].partition(":")
-    found: dict[str, str] = {}
-    for explained in _explained(f"{suite.folder}.{module}", class_name):
-        found = explained | found
-    return {keyword: meaning for keyword, meaning in found.items() if keyword != "physics"}
+    suite, found = find_suite(name), {}
+    if suite is not None and suite.ours:
+        module, _, class_name = suite.tasks[name.removeprefix(suite.prefix)].partition(":")
+        for explained in _explained(f"{suite.folder}.{module}", class_name):
+            found = explained | found
+        found.pop("physics", None)
+    return found or dict.fromkeys(defaults(name), "")
 
 
 def _explained(module: str, class_name: str) -> Iterator[dict[str, str]]:
