@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hitmdp_jax import make_env
-from hitmdp_jax.envs.suites.gym.half_cheetah import MJX_BUDGET
+from hitmdp_jax.envs.suites.gym.half_cheetah import HalfCheetah
 from hitmdp_jax.physics.warp import in_one_call
 
 NUM_ENVS = 256
@@ -42,7 +42,7 @@ def test_a_world_has_room_for_every_contact(fallen):
     data = mujoco.MjData(envs[1].model)
     data.qpos[:] = flat[0]
     mujoco.mj_forward(envs[1].model, data)
-    assert data.ncon > MJX_BUDGET.contacts
+    assert data.ncon > HalfCheetah.mjx_budget.contacts
     ours, theirs = (jax.jit(jax.vmap(env.step))(states, action).pipeline_state for env in envs)
     np.testing.assert_allclose(ours.qvel, theirs.qvel, atol=1e-3)
 

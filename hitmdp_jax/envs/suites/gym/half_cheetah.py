@@ -9,12 +9,6 @@ from hitmdp_jax.envs.suites.base import VERSIONS
 from hitmdp_jax.envs.suites.gym.initial import normal_velocity_around_rest
 from hitmdp_jax.envs.suites.gym.runner import Runner
 
-FRAME_SKIP = 5  # substeps of 0.01 s
-
-# One control step errs by 4.7e-6 in qpos with 3 and 2 iterations as with 100 and 50, by 0.3 with 2
-# and 2. One iteration is to spare: from a poor warm start 3 err by 3e-3.
-MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2, contacts=8)
-
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
 class HalfCheetah(Runner):
@@ -35,8 +29,10 @@ class HalfCheetah(Runner):
     """
 
     model_files = dict.fromkeys(VERSIONS, "half_cheetah.xml")
-    frame_skip = FRAME_SKIP
-    mjx_budget = MJX_BUDGET
+    frame_skip = 5  # substeps of 0.01 s
+    # One control step errs by 4.7e-6 in qpos with 3 and 2 iterations as with 100 and 50, by 0.3
+    # with 2 and 2. One iteration is to spare: from a poor warm start 3 err by 3e-3.
+    mjx_budget = SolverBudget(iterations=4, ls_iterations=2, contacts=8)
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos uniformly and qvel normally around the standing pose."""

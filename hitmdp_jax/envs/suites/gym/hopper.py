@@ -12,13 +12,7 @@ from hitmdp_jax.envs.suites.gym.runner import HealthyRunner
 from hitmdp_jax.envs.suites.gym.task import within
 from hitmdp_jax.physics import PhysicsState
 
-FRAME_SKIP = 4  # substeps of 0.002 s, RK4
 ROOT_Z, ROOT_PITCH = 1, 2  # qpos: height (m), angle (rad)
-
-# One control step errs by 6.5e-7 in qpos with 3 and 2 iterations as with 100 and 50, by 3e-4 with 2
-# and 2. One iteration is to spare: random actions do not visit every state, and a converged solver
-# does not use it.
-MJX_BUDGET = SolverBudget(iterations=4, ls_iterations=2)
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
@@ -47,8 +41,11 @@ class Hopper(HealthyRunner):
     """
 
     model_files = dict.fromkeys(VERSIONS, "hopper.xml")
-    frame_skip = FRAME_SKIP
-    mjx_budget = MJX_BUDGET
+    frame_skip = 4  # substeps of 0.002 s, RK4
+    # One control step errs by 6.5e-7 in qpos with 3 and 2 iterations as with 100 and 50, by 3e-4
+    # with 2 and 2. One iteration is to spare: random actions do not visit every state, and a
+    # converged solver does not use it.
+    mjx_budget = SolverBudget(iterations=4, ls_iterations=2)
 
     healthy_state_range: tuple[float, float] = (-100.0, 100.0)
     healthy_z_range: tuple[float, float] = (0.7, math.inf)

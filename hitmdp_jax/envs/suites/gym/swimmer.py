@@ -6,12 +6,6 @@ from hitmdp_jax.envs.base import SolverBudget
 from hitmdp_jax.envs.suites.base import VERSIONS
 from hitmdp_jax.envs.suites.gym.runner import Runner
 
-FRAME_SKIP = 4  # substeps of 0.01 s, RK4
-
-# One control step errs by 2.3e-7 in qpos with 2 and 2 iterations as with 100 and 50, by 5e-3 with 1
-# and 2. One iteration is to spare.
-MJX_BUDGET = SolverBudget(iterations=3, ls_iterations=2)
-
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
 class Swimmer(Runner):
@@ -32,8 +26,10 @@ class Swimmer(Runner):
     """
 
     model_files = dict.fromkeys(VERSIONS, "swimmer.xml")
-    frame_skip = FRAME_SKIP
-    mjx_budget = MJX_BUDGET
+    frame_skip = 4  # substeps of 0.01 s, RK4
+    # One control step errs by 2.3e-7 in qpos with 2 and 2 iterations as with 100 and 50, by 5e-3
+    # with 1 and 2. One iteration is to spare.
+    mjx_budget = SolverBudget(iterations=3, ls_iterations=2)
     places = 2  # x and y of the front tip, m
 
     ctrl_cost_weight: float = 1e-4

@@ -9,12 +9,7 @@ from hitmdp_jax.envs.suites.gym.runner import HealthyRunner
 from hitmdp_jax.envs.suites.gym.task import within
 from hitmdp_jax.physics import PhysicsState
 
-FRAME_SKIP = 4  # substeps of 0.002 s, RK4
 ROOT_Z, ROOT_PITCH = 1, 2  # qpos: height (m), angle (rad)
-
-# One control step errs by 6e-7 in qpos with 5 and 2 iterations as with 100 and 50, by 3e-5 with 4
-# and 2. One iteration is to spare.
-MJX_BUDGET = SolverBudget(iterations=6, ls_iterations=2)
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
@@ -42,8 +37,10 @@ class Walker2d(HealthyRunner):
     """
 
     model_files = {"v4": "walker2d.xml", "v5": "walker2d_v5.xml"}  # noqa: RUF012
-    frame_skip = FRAME_SKIP
-    mjx_budget = MJX_BUDGET
+    frame_skip = 4  # substeps of 0.002 s, RK4
+    # One control step errs by 6e-7 in qpos with 5 and 2 iterations as with 100 and 50, by 3e-5 with
+    # 4 and 2. One iteration is to spare.
+    mjx_budget = SolverBudget(iterations=6, ls_iterations=2)
 
     healthy_z_range: tuple[float, float] = (0.8, 2.0)
     healthy_angle_range: tuple[float, float] = (-1.0, 1.0)
