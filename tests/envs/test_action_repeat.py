@@ -64,10 +64,10 @@ def test_rewards_add_up_as_in_a_loop_around_gymnasium_until_the_task_ends_the_ep
 @pytest.mark.parametrize(("repeat", "lengths"), [(2, [2, 2, 1]), (3, [3, 2]), (7, [5])])
 def test_the_time_limit_is_in_control_steps_and_cuts_the_last_hold(key, repeat, lengths):
     env = VectorEnv(ActionRepeat(Counter(), repeat), 2, pool_size=8, stagger=False)
-    state = env.reset(key)
+    state, step = env.reset(key), jax.jit(env.step)
     for episode in range(2):
         for taken, length in zip(lengths, np.cumsum(lengths), strict=True):
-            state, seen = env.step(state, jnp.zeros((2, 1)))
+            state, seen = step(state, jnp.zeros((2, 1)))
             np.testing.assert_array_equal(seen.reward, taken)
             np.testing.assert_array_equal(seen.episode_length, length)
             np.testing.assert_array_equal(seen.next_obs[:, 0], length)
@@ -105,9 +105,9 @@ class Terms(Counter):
 @pytest.mark.parametrize("repeat", [1, 2, 3])
 def test_the_reward_terms_of_any_task_add_up_to_its_reward(key, repeat):
     env = VectorEnv(ActionRepeat(Terms(), repeat), 2, pool_size=8, stagger=False)
-    state = env.reset(key)
+    state, step = env.reset(key), jax.jit(env.step)
     for _ in range(2 * 5):  # across the time limit, which cuts a hold
-        state, seen = env.step(state, jnp.zeros((2, 1)))
+        state, seen = step(state, jnp.zeros((2, 1)))
         last = np.asarray(seen.metrics["x_position"]) / 10
         np.testing.assert_array_equal(last, seen.episode_length)
         terms = [x for name, x in seen.metrics.items() if name != "x_position"]

@@ -1,3 +1,5 @@
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,8 +9,10 @@ from brax.envs.wrappers.training import EpisodeWrapper
 from hitmdp_jax.envs.action_repeat import ActionRepeat
 from hitmdp_jax.envs.vector import VectorEnv
 from tests.probes import Counter, Target
+from tests.programs import compiled
 
 
+@functools.partial(compiled, static_argnums=(0, 1))
 def run(env, steps, key, action=0.0):
     """Return the states and outcomes of `steps` steps, each stacked [steps, B]."""
 
@@ -19,16 +23,19 @@ def run(env, steps, key, action=0.0):
     return jax.lax.scan(step, env.reset(key), length=steps)[1]
 
 
+COUNTERS = VectorEnv(Counter(), 2, pool_size=8, stagger=False)
+
+
 def test_time_limit_truncates_and_does_not_terminate(key):
-    _, outcome = run(VectorEnv(Counter(), 2, pool_size=8, stagger=False), 12, key)
+    _, outcome = run(COUNTERS, 12, key)
     np.testing.assert_array_equal(outcome.truncated[:, 0], np.arange(1, 13) % 5 == 0)
     assert not outcome.terminated.any()
 
 
 def test_final_observation_is_the_one_before_the_reset(key):
-    states, outcome = run(VectorEnv(Counter(), 2, pool_size=8, stagger=False), 5, key)
-    np.testing.assert_array_equal(outcome.next_obs[:, 0, 0], [1, 2, 3, 4, 5])
-    np.testing.assert_array_equal(states.env.obs[:, 0, 0], [1, 2, 3, 4, 0])
+    states, outcome = run(COUNTERS, 12, key)
+    np.testing.assert_array_equal(outcome.next_obs[:5, 0, 0], [1, 2, 3, 4, 5])
+    np.testing.assert_array_equal(states.env.obs[:5, 0, 0], [1, 2, 3, 4, 0])
 
 
 def test_termination_is_kept_apart_from_truncation(key):
@@ -71,8 +78,8 @@ def test_refilling_gives_new_states(key):
 
 
 def test_returns_are_reported_at_the_end_of_whole_episodes(key):
-    _, outcome = run(VectorEnv(Counter(), 2, pool_size=8, stagger=False), 10, key)
-    np.testing.assert_array_equal(outcome.finished[:, 0], np.arange(1, 11) % 5 == 0)
+    _, outcome = run(COUNTERS, 12, key)
+    np.testing.assert_array_equal(outcome.finished[:, 0], np.arange(1, 13) % 5 == 0)
     assert set(outcome.episode_return[outcome.finished].tolist()) == {5.0}
     assert set(outcome.episode_length[outcome.finished].tolist()) == {5}
 
