@@ -7,20 +7,30 @@ import pytest
 
 from hitmdp_jax.agents import AGENTS
 from hitmdp_jax.agents.base import hyperparameters_of
+from hitmdp_jax.cli import flags
 from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.envs import check_env
 from hitmdp_jax.envs.keywords import parameters_of
 from hitmdp_jax.envs.suites import suite_names
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.figures import registry
 from tests.docs.pages import ROOT, commands, pages, spans
 from tests.docs.test_extending import FILES
 
 PAGES = pages()
 COMMANDS = sorted({command for page in PAGES.values() for command in commands(page)})
+COMMANDS = [command for command in COMMANDS if "--help" not in command]
 TRAININGS = [
     shlex.split(command, comments=True)[2:]
     for command in COMMANDS
-    if command.startswith("python train.py") and "--help" not in command
+    if command.startswith("python train.py")
+]
+OF_RUNS = [
+    words
+    for command in COMMANDS
+    if (words := re.sub(r"^python -m hitmdp_jax|^hitmdp", "", command).split("#")[0].split())
+    and words[0] in flags.COMMANDS
+    and len(words) > 1
 ]
 NAMES = {f"algo.{x.name}" for agent in AGENTS.values() for x in hyperparameters_of(agent)}
 # What has the form of a setting and is one of Python's, of another command or of another program.
@@ -58,8 +68,18 @@ def test_a_training_of_the_manual_can_be_run(arguments, own_files, monkeypatch):
             raise
 
 
-def test_the_manual_has_trainings():
+@pytest.mark.parametrize("words", OF_RUNS, ids=" ".join)
+def test_a_command_of_the_manual_about_runs_is_understood(words, monkeypatch):
+    monkeypatch.setattr(flags, "require_run", lambda run_dir: None)
+    monkeypatch.setattr(flags, "summaries", lambda: registry.summaries() | {"gradients": ""})
+    name, *rest = words
+    arguments = flags.parsed(name, rest)
+    assert all(run_dir.name for run_dir in arguments.run_dirs)
+
+
+def test_the_manual_has_commands_of_every_kind():
     assert len(TRAININGS) > 30
+    assert {name for name, *_ in OF_RUNS} == set(flags.COMMANDS)
 
 
 def test_every_setting_that_the_manual_names_exists():
