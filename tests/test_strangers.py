@@ -22,7 +22,8 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.experiments import results
 from hitmdp_jax.runs import loop
 from hitmdp_jax.runs.config import RunConfig
-from hitmdp_jax.runs.policy import extract, load_all
+from hitmdp_jax.runs.policy import load_all
+from hitmdp_jax.runs.saving import extract
 from tests.probes import untrained
 
 PLANTED = """

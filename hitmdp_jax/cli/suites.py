@@ -26,8 +26,8 @@ from hitmdp_jax.figures.curves import save
 from hitmdp_jax.interpret import interventions
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import CONFIG, write
-from hitmdp_jax.runs.policy import extract
 from hitmdp_jax.runs.provenance import made_with
+from hitmdp_jax.runs.saving import extract
 
 SUITES = Path(hitmdp_jax.__file__).parent / "suites"
 RUNS = Path("runs/results")

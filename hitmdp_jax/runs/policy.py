@@ -1,8 +1,6 @@
-"""`load` and `save`: a trained policy out of a run's folder and into one."""
+"""A trained policy, and `load`, which takes it out of a run's folder."""
 
 import contextlib
-import dataclasses
-import inspect
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,19 +13,13 @@ from brax.training.acme.running_statistics import NestedMeanStd
 from flax import struct
 from jax.typing import ArrayLike
 
-from hitmdp_jax import plugins
-from hitmdp_jax.agents import AGENTS, Agent
-from hitmdp_jax.agents.base import check_hyperparameters, hyperparameters_of
+from hitmdp_jax.agents import Agent
 from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.learning.normalization import normalize
 from hitmdp_jax.runs.checkpoint import Checkpoints
-from hitmdp_jax.runs.checkpoint_items import Progress, policy_of
-from hitmdp_jax.runs.claim import claim
-from hitmdp_jax.runs.config import RunConfig, trust_named
-from hitmdp_jax.runs.folder import LOCK
-from hitmdp_jax.training.state import TrainState
-from hitmdp_jax.training.sweep import PREFIX, Training
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.training.sweep import Training
 
 
 class Policy(struct.PyTreeNode):
@@ -113,7 +105,7 @@ def load(
       UsageError: the folder holds no run, or no such checkpoint, seed or setting; or the run names
         a file that nobody here trusts.
     """
-    run_dir = _folder(run_dir)
+    run_dir = folder_of(run_dir)
     config = RunConfig.load(run_dir, trust)
     (place, *_) = places(config.trainings, config.seed if seed is None else seed, setting)
     _, everyone = load_all(run_dir, checkpoint, task)
@@ -148,7 +140,7 @@ def load_all(
 
     Args and Raises as `load`.
     """
-    run_dir = _folder(run_dir)
+    run_dir = folder_of(run_dir)
     config = RunConfig.load(run_dir)
     checkpoints = Checkpoints(run_dir, read_only=True)
     try:
@@ -156,8 +148,8 @@ def load_all(
     finally:
         checkpoints.close()
     agents = config.make_agent().replace(**config.swept).bind(spec)
-    policy = _acting(agents, saved)
-    if not _fits(policy, len(config.trainings)):
+    policy = acting(agents, saved)
+    if not fits(policy, len(config.trainings)):
         raise UsageError(
             f"The checkpoint in '{run_dir}' does not fit the algorithm and seeds that its "
             "config.yaml names."
@@ -165,19 +157,19 @@ def load_all(
     return iteration, policy
 
 
-def _acting(agent: Agent, saved: dict[str, Any]) -> Policy:
+def acting(agent: Agent, saved: dict[str, Any]) -> Policy:
     """Return the policy of an agent, bound to its task, and of what a checkpoint keeps of it."""
     return Policy(agent, saved["params"], NestedMeanStd(mean=saved["mean"], std=saved["std"]))
 
 
-def _folder(run_dir: Any) -> Path:
+def folder_of(run_dir: Any) -> Path:
     """Return a folder's path, or raise UsageError where there is none."""
     if not isinstance(run_dir, str | os.PathLike) or not str(run_dir):
         raise out_of_domain("run_dir", repr(run_dir), "the path of a run's folder")
     return Path(run_dir)
 
 
-def _fits(policy: Policy, trainings: int) -> bool:
+def fits(policy: Policy, trainings: int) -> bool:
     """Return whether the parameters [S, ...] are such as the agent makes; they may be anything."""
 
     def same_shapes(policy: Policy, key: jax.Array) -> bool:
@@ -192,102 +184,3 @@ def _fits(policy: Policy, trainings: int) -> bool:
     with contextlib.suppress(Exception):
         jax.eval_shape(lambda *args: fits.append(same_shapes(*args)), policy, jax.random.key(0))
     return fits == [True] and len(policy.normalizer.mean) == trainings
-
-
-def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: bool = False) -> None:
-    """Save what the library trained, for `load`: the agent, and a state [...] or [S, ...].
-
-    Args:
-      run_dir: a folder, made if need be.
-      agent: the algorithm that was trained.
-      state: what `train` or a step returned, of one seed or vmapped over seeds.
-      overwrite: replace a run that the folder holds.
-
-    Raises:
-      UsageError: the folder holds a run or cannot be written, the agent's class has no file, or the
-        state is of another agent.
-    """
-    folder = _folder(run_dir)
-    check_hyperparameters(agent)
-    if not isinstance(state, TrainState):
-        raise UsageError(f"state is a {type(state).__name__}; pass the TrainState of a training.")
-    if state.iteration.ndim == 0:
-        state = jax.tree.map(lambda x: x[None], state)
-    seeds = len(state.iteration)
-    config = RunConfig(algo=describe(agent), seeds=seeds)
-    if not _fits(_acting(agent.bind(state.spec), policy_of(state)), seeds):
-        raise UsageError(f"The state does not fit the agent: {type(agent).__name__} made another.")
-    run_dir = claim(folder, config, overwrite)
-    trust_named(config.to_dict(), remember=True)
-    checkpoints = Checkpoints(run_dir)
-    checkpoints.save(Progress(int(np.max(state.iteration)), 0, state))
-    checkpoints.close()
-    if checkpoints.failure:
-        raise UsageError(f"'{run_dir}' cannot be written: {checkpoints.failure}")
-
-
-def extract(
-    run_dir: str | Path,
-    folder: str | Path,
-    seed: int | None = None,
-    checkpoint: int | str = "newest",
-    setting: int = 0,
-    task: int | None = None,
-    trust: bool = False,
-) -> None:
-    """Copy one policy of a run into a folder of its own, which `load` reads: a few hundred kB.
-
-    It holds the settings, as of a run of that seed alone, and nothing to train on from.
-
-    Args:
-      run_dir: the run's folder.
-      folder: where to; made if need be.
-      seed: which of the run's seeds; None takes the first.
-      checkpoint: "newest", "best", or an iteration that was saved.
-      setting: which setting of a sweep.
-      task: as `load`.
-      trust: as `load`.
-
-    Raises:
-      UsageError: as `load`; or the folder holds a run or cannot be written.
-    """
-    config = RunConfig.load(_folder(run_dir), trust)
-    (place, *_) = places(config.trainings, config.seed if seed is None else seed, setting)
-    iteration, everyone = load_all(run_dir, checkpoint, task)
-    training = config.trainings[place]
-    swept = {name.removeprefix(PREFIX): x for name, x in training.swept.items()}
-    alone = {"seeds": 1, "seed": training.seed, "sweep": None, "samples": None}
-    own = dataclasses.replace(config, algo=config.algo | swept, **alone)
-    learned = {"params": everyone.params, **dataclasses.asdict(everyone.normalizer)}
-    checkpoints = Checkpoints(claim(_folder(folder), own))
-    mine = jax.tree.map(lambda x: x[place : place + 1], learned)
-    checkpoints.save_policy(iteration, config.schedule.task_at(iteration), mine, everyone.spec)
-    checkpoints.close()
-    if checkpoints.failure:
-        raise UsageError(f"'{folder}' cannot be written: {checkpoints.failure}")
-    (Path(folder) / LOCK).unlink()  # nobody trains there
-
-
-def describe(agent: Agent) -> dict[str, Any]:
-    """Return an agent as a run's settings name it: by its algorithm and hyperparameters.
-
-    Raises:
-      UsageError: its class is defined in no file, or a hyperparameter is not one number.
-    """
-    kind = type(agent)
-    names = [name for name, known in AGENTS.items() if known is kind]
-    file = inspect.getsourcefile(kind) if not names and kind.__module__ != "__main__" else None
-    if not names and file is None:
-        raise UsageError(f"{kind.__name__} must be defined in a file of its own to be saved.")
-    name = names[0] if names else plugins.absolute(f"{file}:{kind.__name__}")
-    settings: dict[str, Any] = {"name": name}
-    for field in hyperparameters_of(agent):
-        value = getattr(agent, field.name)
-        if isinstance(value, jax.Array | np.ndarray | np.generic):
-            if np.size(value) != 1:
-                raise UsageError(
-                    f"{field.name} has {np.size(value)} values: save the runs of a sweep apart."
-                )
-            value = float(np.asarray(value).reshape(()))
-        settings[field.name] = list(value) if isinstance(value, tuple) else value
-    return settings

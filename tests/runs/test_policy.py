@@ -12,7 +12,8 @@ from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.rollout import RolloutState, collect
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
-from hitmdp_jax.runs.policy import Policy, extract, load_all
+from hitmdp_jax.runs.policy import Policy, load_all
+from hitmdp_jax.runs.saving import extract
 from tests.probes import Target
 
 SIZES = {"num_steps": 128, "num_envs": 8, "rollout_length": 16}
