@@ -1,9 +1,5 @@
 """Nothing depends on JAX's default of 32 or 64 bits: no type, and no number but by rounding."""
 
-import os
-import subprocess
-import sys
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,8 +13,11 @@ from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.interpret.episodes import run_episodes
 from hitmdp_jax.precision import in_32_bits
 from hitmdp_jax.runs.policy import Policy
+from tests.cli.conftest import command, variables
 from tests.probes import QUICK
 from tests.programs import shapes_of_an_iteration
+
+__all__ = ["command", "variables"]  # fixtures
 
 
 def types(tree):
@@ -124,16 +123,15 @@ def test_training_and_evaluation_give_the_same_numbers():
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-4), wide, default)
 
 
-def test_the_command_line_trains_and_evaluates_under_x64(tmp_path):
-    algo = " ".join(f"algo.{k}={v}" for k, v in QUICK["algo"].items() if k != "name")
-    settings = f"algo=ppo {algo} env=invertedpendulum physics=native total_steps=2048"
-    evaluated = "eval_every=2048 eval_episodes=2 report=false"
-    command = [sys.executable, "-m", "hitmdp_jax", "train", *settings.split(), *evaluated.split()]
-    out = subprocess.run(
-        [*command, f"run_dir={tmp_path}"],
-        env=os.environ | {"JAX_ENABLE_X64": "1"},
-        capture_output=True,
-        text=True,
-    )
+def test_the_command_line_trains_and_evaluates_under_x64(command, tmp_path):
+    """Under the setting itself, which JAX_ENABLE_X64 makes: a context ends with its thread."""
+    algo = [f"algo.{k}={v}" for k, v in QUICK["algo"].items() if k != "name"]
+    settings = ("algo=ppo", *algo, "env=invertedpendulum", "physics=native", "total_steps=2048")
+    jax.config.update("jax_enable_x64", True)
+    try:
+        evaluated = ("eval_every=2048", "eval_episodes=2", "report=false", f"run_dir={tmp_path}")
+        out = command("train", *settings, *evaluated)
+    finally:
+        jax.config.update("jax_enable_x64", False)
     assert out.returncode == 0, out.stderr
     assert (tmp_path / "evaluations.csv").read_text().count("\n") == 2

@@ -25,6 +25,7 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.runs.claim import RUNS
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import made
+from hitmdp_jax.runs.memory import check_run_memory
 
 
 def run(settings: Settings, flags: list[str]) -> int:
@@ -79,7 +80,7 @@ def sweep_folder(settings: Settings) -> Path:
         config = run_config(values)
         config.check_installed()
         if not elsewhere:
-            config.check_memory()
+            check_run_memory(config)
         for flag in ("overwrite", "report", "distributed", "trust"):
             flag_setting(values, flag)
         if values["distributed"]:

@@ -14,6 +14,7 @@ from hitmdp_jax.runs.claim import already_there, claim, is_finished, newest
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.host import set_up_host
 from hitmdp_jax.runs.interrupt import InterruptedRunError
+from hitmdp_jax.runs.memory import check_run_memory
 from hitmdp_jax.runs.run import Run
 
 CHANGEABLE = ("total_steps", "data_devices")  # settings that a resumed run may change
@@ -44,7 +45,7 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     else:
         config = run_config(values)
         config.check_installed()
-        config.check_memory()
+        check_run_memory(config)
         if config.video_every:
             from hitmdp_jax.cli.video import check_filming
 

@@ -119,15 +119,9 @@ class Checkpoints(SavedCheckpoints):
         self._attempt(lambda: self._manager.save(iteration, args=items))
 
     def restore(self, like: Callable[[int], TrainState]) -> Progress:
-        """Return the newest checkpoint that can be read, on the first device.
+        """Return the newest checkpoint that can be read, and remove those that cannot.
 
-        One that cannot be read is told, and removed so that it can be written again.
-
-        Args:
-          like: maps the number of a task to a state of the same shapes, abstract.
-
-        Raises:
-          UsageError: there is no checkpoint, or none fits the run.
+        So they can be written again. Args and Raises as `SavedCheckpoints.restore`.
         """
         progress = super().restore(like)
         for iteration in self._manager.all_steps():

@@ -2,36 +2,28 @@
 
 import dataclasses
 import functools
-import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import jax
 import numpy as np
 import yaml
 
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import Agent, find_agent
 from hitmdp_jax.agents.base import hyperparameters_of
-from hitmdp_jax.checks import check_memory, divisor_below, true_or_false, whole_number
+from hitmdp_jax.checks import divisor_below, true_or_false, whole_number
 from hitmdp_jax.envs import check_engine, check_env, check_installed
 from hitmdp_jax.envs.keywords import defaults_of
-from hitmdp_jax.envs.spec import Box, Observation, Spec, spec_of
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.physics import find_engine
 from hitmdp_jax.reading import read_yaml
 from hitmdp_jax.runs.folder import CONFIG, require_run
 from hitmdp_jax.runs.schedule import Schedule
-from hitmdp_jax.training.sizes import check_sizes, usual_pool_size
+from hitmdp_jax.training.sizes import check_sizes
 from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
 
-if TYPE_CHECKING:
-    from brax.envs.base import Env
-
 SCHEMA = 3  # of config.yaml; raised where an older package would misread it
-REWARD = 4  # bytes of one, the least that a task's state holds
-SMALLEST = Spec(Observation((1,)), Box.unlimited(1))  # the least that a task may be
 WHOLE = {  # name -> the least value
     "seeds": 1,
     "total_steps": 1,
@@ -128,55 +120,6 @@ class RunConfig:
         for setting in config.settings:
             config.make_agent(setting)
         return config
-
-    def check_memory(
-        self, env: "Env | None" = None, at_once: int = 1, available: int | None = None
-    ) -> None:
-        """Check that what a run must hold at once can fit into memory, before any of it is made.
-
-        The estimate is a lower bound. It counts the parameters, the optimiser, the replay and the
-        states of the environments and of the pool of each training, and the observations, actions
-        and rewards of the rollouts.
-
-        `Run.create` checks once it knows the tasks and the devices. A run of 1e9 trainings never
-        gets so far, and no job of a sweep may wait for it: they are checked before, with a task as
-        small as can be and memory that may be an accelerator's. So is what trains on accelerators
-        that do not say how much they have; what is too much for them ends when it is made, in a
-        sentence, too (`cli.guard`).
-
-        Args:
-          env: the task; None while it is not known.
-          at_once: trainings whose rollouts are held at once.
-          available: as `checks.check_memory`.
-
-        Raises:
-          UsageError: it cannot fit; names the settings that need most.
-        """
-        settings = self.samples or math.prod(len(x) for x in (self.sweep or {}).values())
-        trainings, agent = self.seeds * settings, self.make_agent()
-        steps = self.num_envs * self.rollout_length
-        states = self.num_envs + usual_pool_size(self.num_envs, self.rollout_length)
-        learner, replay, state, spec = 0, 0, REWARD, SMALLEST
-        if env is not None:
-            spec = spec_of(env)
-            state = _bytes_of(jax.eval_shape(env.reset, jax.random.key(0)))
-        # An algorithm of one's own may not learn of any sizes.
-        if env is not None or not plugins.is_own(self.algo["name"]):
-            learner = _bytes_of(jax.eval_shape(lambda: agent.init(jax.random.key(0), spec)))
-            replay = _bytes_of(jax.eval_shape(lambda: agent.init_replay(spec)))
-        check_memory(
-            {
-                "seeds and the sizes of algo's networks": trainings * learner,
-                "seeds and algo's replay": trainings * replay,
-                "seeds, num_envs and rollout_length": trainings * states * state
-                + at_once
-                * steps
-                * REWARD
-                * (spec.observation.size + math.prod(spec.action.shape) + 1),
-                "eval_episodes": 24 * self.eval_episodes if self.eval_every else 0,
-            },
-            available,
-        )
 
     def check_installed(self) -> None:
         """Check that what the engine and the tasks need is installed; settings can do without.
@@ -334,10 +277,6 @@ def trust_named(settings: Mapping[str, Any], remember: bool = False) -> None:
         chosen = settings.get(group)
         if isinstance(chosen, Mapping):
             plugins.trust(str(chosen.get("name")), remember)
-
-
-def _bytes_of(arrays: Any) -> int:
-    return sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(arrays))
 
 
 def _check_division(num_envs: int, data_devices: int) -> None:

@@ -19,6 +19,7 @@ from hitmdp_jax.runs.checkpoint import Checkpoints
 from hitmdp_jax.runs.checkpoint_items import Progress, with_raw_keys
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.devices import at_once, make_mesh, memory_of, place, spread
+from hitmdp_jax.runs.memory import check_run_memory
 from hitmdp_jax.runs.schedule import Schedule
 from hitmdp_jax.training.program import Init, Iterate, make_train, repeat
 from hitmdp_jax.training.state import Hyperparameters, TrainState, transfer
@@ -50,7 +51,7 @@ class Run:
         run = cls(config, config.make_agent(), mesh, envs)
         run.program(0)  # which says what cannot be trained, before a folder is made
         for env in envs:
-            config.check_memory(env, at_once(size, mesh), memory_of(mesh))
+            check_run_memory(config, env, at_once(size, mesh), memory_of(mesh))
         return run
 
     @property

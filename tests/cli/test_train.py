@@ -143,8 +143,9 @@ def test_a_transfer_switches_tasks_and_resumes_on_either_side(command, tmp_path)
     whole_numbers = [float(row["return"]).is_integer() for row in rows]
     assert whole_numbers == [row["task"] == tasks[1] for row in rows]
     for checkpoint, task in zip((2, 4), tasks, strict=True):
-        path = tmp_path / f"{checkpoint}.onnx"
-        command("export", whole, f"--checkpoint={checkpoint}", f"--out={path}")
+        path = tmp_path / f"{checkpoint}.stablehlo"
+        arguments = (f"--checkpoint={checkpoint}", f"--out={path}", "--format=stablehlo")
+        command("export", whole, *arguments)
         assert json.loads(path.with_name(f"{path.name}.json").read_text())["task"]["name"] == task
     for last in (2, 3):  # at the switch, and past it
         part = shutil.copytree(whole, tmp_path / f"until_{last}")
@@ -209,18 +210,39 @@ def test_a_run_whose_folder_is_moved_away_does_not_claim_to_be_saved_there(comma
     assert not run_dir.exists()
 
 
-def test_a_second_signal_stops_at_once(start, tmp_path):
-    run_dir = tmp_path / "run"
-    settings = (*QUICK, "total_steps=1e9", "checkpoint_steps=2048", f"run_dir={run_dir}")
-    process = start("train", *settings)
-    wait_for_rows(run_dir, 4, process)
+ARRAYS_AT_IMPORT = """
+import jax.numpy as jnp
+from hitmdp_jax.agents import PPO
+from hitmdp_jax.envs.suites.toy.turkey import Turkey
+
+RAW, EPSILON = jnp.array([1.0, 0.0]), jnp.float32(1e-5)
+
+class Task(Turkey):
+    pass
+
+class Own(PPO):
+    pass
+"""
+
+
+def test_a_second_signal_stops_at_once_also_files_that_make_arrays_when_they_are_imported(
+    start, tmp_path
+):
+    """In processes of their own: JAX can be set up only before it computes. The run is read."""
+    (tmp_path / "own.py").write_text(ARRAYS_AT_IMPORT)
+    own = ("env=own.py:Task", "algo=own.py:Own", *SMALL, "seeds=2", "run_dir=run")
+    process = start("train", *own, "total_steps=1e9", "checkpoint_steps=2048")
+    wait_for_rows(tmp_path / "run", 8, process)
     process.send_signal(signal.SIGINT)
     while "Stopping after this iteration" not in process.stderr.readline():
         assert process.poll() is None
     process.send_signal(signal.SIGTERM)
     process.communicate()
     assert process.returncode in (-signal.SIGTERM, -signal.SIGINT, 130)
-    assert restore(run_dir).iteration >= 1
+    assert restore(tmp_path / "run").iteration >= 1
+    scored = start("evaluate", "run", "--episodes=2")
+    _, err = scored.communicate()
+    assert scored.returncode == 0, err
 
 
 def test_a_signal_while_compiling_is_heard(start, tmp_path):
@@ -284,32 +306,6 @@ def assert_frozen_and_told(result, run_dir):
     assert [row["value_loss"] == "" for row in rows] == [False, True, True]
     state = restore(run_dir).state
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(state.learner.params))
-
-
-ARRAYS_AT_IMPORT = """
-import jax.numpy as jnp
-from hitmdp_jax.agents import PPO
-from hitmdp_jax.envs.suites.toy.turkey import Turkey
-
-RAW, EPSILON = jnp.array([1.0, 0.0]), jnp.float32(1e-5)
-
-class Task(Turkey):
-    pass
-
-class Own(PPO):
-    pass
-"""
-
-
-def test_files_that_make_arrays_when_they_are_imported_train_and_are_read(tmp_path):
-    """In processes of their own: JAX can be set up only before it computes."""
-    (tmp_path / "own.py").write_text(ARRAYS_AT_IMPORT)
-    own = ("env=own.py:Task", "algo=own.py:Own", "algo.hidden_sizes=[8]", "algo.num_epochs=1")
-    settings = (*own, "total_steps=2048", "report=false", "run_dir=run", "seeds=2")
-    for door, *arguments in (("train", *settings), ("evaluate", "run", "--episodes=2")):
-        command = [sys.executable, "-m", "hitmdp_jax", door, *arguments]
-        result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-        assert result.returncode == 0, result.stderr
 
 
 def test_a_run_whose_last_checkpoint_is_torn_is_not_finished(command, tmp_path):
