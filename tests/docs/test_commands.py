@@ -13,7 +13,6 @@ from hitmdp_jax.envs import check_env
 from hitmdp_jax.envs.keywords import parameters_of
 from hitmdp_jax.envs.suites import suite_names
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.figures import registry
 from tests.docs.pages import ROOT, commands, pages, spans
 from tests.docs.test_extending import FILES
 
@@ -71,7 +70,6 @@ def test_a_training_of_the_manual_can_be_run(arguments, own_files, monkeypatch):
 @pytest.mark.parametrize("words", OF_RUNS, ids=" ".join)
 def test_a_command_of_the_manual_about_runs_is_understood(words, monkeypatch):
     monkeypatch.setattr(flags, "require_run", lambda run_dir: None)
-    monkeypatch.setattr(flags, "summaries", lambda: registry.summaries() | {"gradients": ""})
     name, *rest = words
     arguments = flags.parsed(name, rest)
     assert all(run_dir.name for run_dir in arguments.run_dirs)
