@@ -37,7 +37,7 @@ def defaults(name: str) -> dict[str, Any]:
     suite = find_suite(name)
     if suite is None or name not in suite.names():
         return {}
-    every = defaults_of(suite.constructor(name), {"physics"})
+    every = defaults_of(suite.check(name), {"physics"})
     return {keyword: x for keyword, x in every.items() if isinstance(x, PLAIN)}
 
 

@@ -369,7 +369,7 @@ def test_importing_is_quick_silent_and_free_of_effects_and_set_up_heeds_the_core
         "import os, sys; before = dict(os.environ);"
         "import brax.envs.base, distrax, flax, jax, optax, orbax.checkpoint;"
         "libraries = {name.split('.')[0] for name in sys.modules};"
-        "import hitmdp_jax;"
+        "import hitmdp_jax; [getattr(hitmdp_jax, name) for name in hitmdp_jax.__all__];"
         "more = {name.split('.')[0] for name in sys.modules} - libraries;"
         "more -= {'hitmdp_jax'} | sys.stdlib_module_names; assert not more, more;"
         "import jax._src.xla_bridge as bridge;"
