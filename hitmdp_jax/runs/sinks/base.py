@@ -20,15 +20,14 @@ class Sink(Protocol):
         ...
 
     def flush(self) -> None:
-        """Make sure that what was written outlives this process."""
-        ...
+        """Make sure that what was written outlives this process; as it stands, it does."""
 
     def close(self) -> None:
         """Finish writing."""
         ...
 
 
-class Sinks:
+class Sinks(Sink):
     """Several sinks as one. A failing one is told once and left out; training goes on."""
 
     name = "all"

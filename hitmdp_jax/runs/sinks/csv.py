@@ -12,7 +12,7 @@ from hitmdp_jax.errors import warn
 from hitmdp_jax.reading import read_bytes
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import METRICS, appending, write
-from hitmdp_jax.runs.sinks.base import Values, columns
+from hitmdp_jax.runs.sinks.base import Sink, Values, columns
 from hitmdp_jax.training.sweep import Training
 
 INDEX = ("iteration", "env_steps")  # and what tells a training apart
@@ -24,7 +24,7 @@ def open_sink(config: RunConfig, run_dir: Path, resume_after: int) -> "CsvSink":
     return CsvSink(run_dir, config.trainings, resume_after)
 
 
-class CsvSink:
+class CsvSink(Sink):
     """Writes metrics.csv. What is not known (NaN) is left empty.
 
     Args:
@@ -64,9 +64,6 @@ class CsvSink:
             )
             self._csv.writerow((iteration, env_steps, *training, *values))
         self._file.flush()
-
-    def flush(self) -> None:
-        """Nothing is left to do: every write is flushed."""
 
     def close(self) -> None:
         """Close the file."""

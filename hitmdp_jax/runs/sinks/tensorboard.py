@@ -14,7 +14,7 @@ from tensorboardX.summary import image, scalar
 
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import EVENTS, SETTINGS, subfolder
-from hitmdp_jax.runs.sinks.base import Values, columns
+from hitmdp_jax.runs.sinks.base import Sink, Values, columns
 from hitmdp_jax.training.sweep import Training, label
 
 FLUSH_INTERVAL = 5.0  # seconds; every flush waits for the disk
@@ -25,7 +25,7 @@ def open_sink(config: RunConfig, run_dir: Path, resume_after: int) -> "Tensorboa
     return TensorboardSink(run_dir, config.trainings, config.schedule.steps_after(resume_after))
 
 
-class TensorboardSink:
+class TensorboardSink(Sink):
     """Writes events beside metrics.csv, at environment steps of one seed.
 
     The settings of a sweep have a folder each in `settings/`, which TensorBoard shows as runs.

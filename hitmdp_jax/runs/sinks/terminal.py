@@ -20,7 +20,7 @@ from rich.table import Table
 
 from hitmdp_jax.learning.episodes import RECENT_EPISODES
 from hitmdp_jax.learning.options import mean_duration
-from hitmdp_jax.runs.sinks.base import Values
+from hitmdp_jax.runs.sinks.base import Sink, Values
 from hitmdp_jax.training.sweep import Training
 from hitmdp_jax.training.sweep import label as label_of
 
@@ -29,7 +29,7 @@ PLAIN_INTERVAL = 10.0  # seconds between lines where there is no terminal
 PARTS = (("KL", "_kl"), ("clipped", "_clip_fraction"), ("entropy", "_entropy"))
 
 
-class TerminalSink:
+class TerminalSink(Sink):
     """Shows progress, speed and what is being learned; a line a record where nobody looks on.
 
     Args:
@@ -98,9 +98,6 @@ class TerminalSink:
             self._last_line = time.monotonic()
             facts = "  ".join(f"{name} {value}" for name, value in self._facts())
             self.message(f"{env_steps:,} of {self._total_steps:,} env steps  {facts}")
-
-    def flush(self) -> None:
-        """Nothing is kept back."""
 
     def close(self) -> None:
         """Leave the last picture standing."""

@@ -10,7 +10,7 @@ import numpy as np
 from hitmdp_jax.errors import missing_extra
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import WANDB, subfolder
-from hitmdp_jax.runs.sinks.base import Values, columns
+from hitmdp_jax.runs.sinks.base import Sink, Values, columns
 from hitmdp_jax.training.sweep import Training
 
 
@@ -27,8 +27,10 @@ def open_sink(config: RunConfig, run_dir: Path, resume_after: int) -> "WandbSink
     return WandbSink(run_dir, config.trainings, config.to_dict(), config.wandb == "seed")
 
 
-class WandbSink:
+class WandbSink(Sink):
     """Logs to Weights & Biases; `WANDB_MODE=offline` keeps everything in the run's folder.
+
+    Nothing needs a flush: the client's own process outlives this one.
 
     Args:
       run_dir: the run's folder, whose name groups the runs.
@@ -86,9 +88,6 @@ class WandbSink:
                 if known.size:
                     points[name] = float(known.mean())
             run.log(points, step=env_steps, commit=True)
-
-    def flush(self) -> None:
-        """Nothing to do: the client's own process outlives this one."""
 
     def close(self) -> None:
         """Finish the runs."""
