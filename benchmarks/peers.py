@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from hitmdp_jax.figures.curves import read_metrics
+from hitmdp_jax.runs.metrics import read_metrics
 from hitmdp_jax.runs.reporter import SPEED_WINDOW
 
 TASK = "HalfCheetah-v5"

@@ -10,8 +10,7 @@ COMMANDS = {
     "video": "film a trained run",
     "export": "write a policy as a program of its own",
     "figure": "draw one figure of a trained run, or of the paper's theorems",
-    "reproduce": "draw or train one of the paper's figures and tables",
-    "study": "answer a question by an experiment",
+    "experiment": "train arms on tasks and compare them: the paper's tables, a study, your own",
 }
 
 

@@ -4,7 +4,7 @@ import csv
 import errno
 import io
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +81,11 @@ def read_yaml(path: Path) -> Any:
     Raises:
       UsageError: the file holds something else, or cannot be read.
     """
-    text = read_text(path)
+    return parse_yaml(read_text(path), path)
+
+
+def parse_yaml(text: str, path: Path) -> Any:
+    """Return what the YAML that a file holds stands for; Raises as `read_yaml`."""
     try:
         return yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
@@ -133,24 +137,28 @@ _Loader.yaml_implicit_resolvers = {
 
 
 def read_numbers(
-    path: Path, needed: Iterable[str] = (), unfinished: bool = False
-) -> list[dict[str, float]]:
+    path: Path,
+    needed: Iterable[str] = (),
+    unfinished: bool = False,
+    words: Collection[str] = (),
+) -> list[dict[str, Any]]:
     """Return the rows of a table of numbers by column name; an empty cell is NaN.
 
     Args:
       path: as `read_rows`.
       needed: as `read_rows`.
       unfinished: as `read_rows`.
+      words: columns that hold words instead.
 
     Raises:
       UsageError: as `read_rows`, or a cell is no number.
     """
-    rows = []
+    rows: list[dict[str, Any]] = []
     for number, cells in read_rows(path, needed, unfinished):
-        row = {}
+        row: dict[str, Any] = {}
         for name, cell in cells.items():
             try:
-                row[name] = float(cell or "nan")
+                row[name] = cell if name in words else float(cell or "nan")
             except ValueError:
                 raise unreadable(path, f"{name} = {cell} is not a number", number) from None
         rows.append(row)

@@ -6,24 +6,28 @@ import numpy as np
 import pytest
 import yaml
 
-from hitmdp_jax.cli import evaluate, study
+from hitmdp_jax.cli import evaluate
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.experiments import results
-from hitmdp_jax.figures.curves import read_metrics
+from hitmdp_jax.experiments import experiment, published
 from hitmdp_jax.reading import read_numbers, read_rows, read_yaml
 from hitmdp_jax.runs import provenance
 from hitmdp_jax.runs.checkpoint import Checkpoints
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import FILES, FOLDERS, LOCK
+from hitmdp_jax.runs.metrics import read_metrics
+from hitmdp_jax.runs.policy_file import read_policy
 
 TABLE = "iteration,env_steps,seed,episode_return\n1,2048,0,\n1,2048,1,2.5\n2,4096,0,1\n2,4096,1,3\n"
 RUN = {"schema": 3, "algo": {"name": "ppo", "gamma": 0.9}, "env": {"name": "toy/turkey"}}
-STUDY = {
-    "question": "?",
+EXPERIMENT = {
+    "title": "?",
     "control": "a",
     "settings": ["env=toy/turkey"],
     "arms": {"a": ["seeds=1"]},
 }
+TOLD = {"a": {"command": "train", "hours": 1.0, "config": RUN}}
+SEEDS = "arm,seed,env_steps,last_100k_steps\na,0,4096,1.5\na,1,4096,2.5\n"
+CURVES = "arm,env_steps,1,2\na,2048,,2.5\na,4096,1,3\n"
 READERS = {  # file -> its content, and what reads it
     "config.yaml": (yaml.safe_dump(RUN), RunConfig.load),
     "metrics.csv": (TABLE, read_metrics),
@@ -32,18 +36,21 @@ READERS = {  # file -> its content, and what reads it
         "iteration,seed,return\n1,0,2.5\n",
         lambda folder: evaluate.append(folder, [{"iteration": 2, "seed": 0, "return": 3.5}]),
     ),
-    "about.yaml": ("hours: 1.0\ncommand: python train.py\n", results.read),
-    "seeds.csv": (TABLE, results.read),
-    "curve.csv": (TABLE, lambda folder: results.read_curve(folder, 2048)),
-    "study.yaml": (yaml.safe_dump(STUDY), lambda folder: study.read(str(folder / "study.yaml"))),
+    "runs.yaml": (yaml.safe_dump(TOLD), published.read),
+    "seeds.csv": (SEEDS, published.read),
+    "curves.csv": (CURVES, published.read),
+    "a.policy": (None, lambda folder: read_policy(folder / "a.policy")),
+    "own.yaml": (
+        yaml.safe_dump(EXPERIMENT),
+        lambda folder: experiment.read(str(folder / "own.yaml")),
+    ),
     "checkpoints": (None, lambda folder: Checkpoints(folder, read_only=True).restore_policy()),
 }
 UNREAD = (  # by anything of ours: damage costs the file alone (commands/test_written_files.py)
     ".lock", "report.html", "sweep.csv", "sweep.md", "events.out.tfevents.*", ".*.tmp",
-    "export", "figures", "settings", "videos", "wandb", "options_used.png",
+    "export", "figures", "settings", "videos", "wandb",
 )  # fmt: skip
-# A published cell's files; its policy is a run's folder of its own.
-CELL = ("config.yaml", "seeds.csv", "curve.csv", "about.yaml", "options_used.png", "policy")
+PUBLISHED = ("seeds.csv", "curves.csv", "runs.yaml", "mopg.policy")  # of a task
 ANY = {
     "empty": b"",
     "binary": bytes(range(256)),
@@ -84,11 +91,11 @@ def assert_read_or_explained(name, folder):
     assert explained.isprintable()
 
 
-@pytest.mark.parametrize("name", [LOCK, *FOLDERS, *FILES, *CELL])
+@pytest.mark.parametrize("name", [LOCK, *FOLDERS, *FILES, *PUBLISHED])
 def test_damage_to_every_file_has_an_answer(name):
     """It has one reader, or none at all; test_checkpoint.py goes through a checkpoint's files."""
-    answers = [*READERS, *UNREAD, "policy"]
-    assert sum(answer in (name, name.removesuffix("*")) for answer in answers) == 1
+    names = (name, name.removesuffix("*"), name.replace("mopg.policy", "a.policy"))
+    assert sum(answer in names for answer in [*READERS, *UNREAD]) == 1
 
 
 @pytest.mark.parametrize("damage", ANY)

@@ -7,8 +7,7 @@ import sys
 from hitmdp_jax.__main__ import COMMANDS
 
 HEAVY = ("jax", "brax", "mujoco", "flax", "distrax", "orbax", "matplotlib", "plotly", "scipy")
-IMPORTING = ("reproduce", "study")  # which import all that they train
-HELP = [[], ["--help"], *([name, "--help"] for name in COMMANDS if name not in IMPORTING)]
+HELP = [[], ["--help"], *([name, "--help"] for name in COMMANDS)]
 HELP += [["train", "env=humanoid", "algo=ppo", "--help"]]
 MISTAKES = [
     ["trian"],
@@ -24,6 +23,7 @@ MISTAKES = [
     *([name, "no_such_run"] for name in ("evaluate", "report", "video", "export")),
     ["evaluate", "no_such_run", "--episodez", "3"],
     ["report"],
+    ["experiment", "embeding"],
     ["figure", "figur7"],
     ["figure", "figure7", "no_such_run"],
 ]

@@ -19,12 +19,13 @@ from hitmdp_jax import plugins
 from hitmdp_jax.agents import PPO
 from hitmdp_jax.cli import arms
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.experiments import results
+from hitmdp_jax.experiments import published
 from hitmdp_jax.runs import loop
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.policy import load_all
+from hitmdp_jax.runs.policy_file import write_policy
 from hitmdp_jax.runs.saving import extract
-from tests.probes import untrained
+from tests.probes import spec_of_sizes, untrained
 
 PLANTED = """
 from pathlib import Path
@@ -36,25 +37,27 @@ COMMANDS = {
     "train resume=run": "trust=true",
     "evaluate run": "--trust",
     "evaluate run --checkpoint best": "--trust",
+    "evaluate a.policy": "--trust",
     "video run": "--trust",
     "export run": "--trust",
     "report run": "--trust",
     "report run other": "--trust",
     "figure figure6 run": "--trust",
     "figure figure5 run": "--trust",
-    "study study.yaml": "--trust",
+    "experiment own.yaml": "--trust",
     "train -m seed=0,1 run_dir=swept": None,
-    "reproduce compare run_dir=compared algos=ppo": None,
-    "reproduce results results=results": "--trust",
-    "reproduce curves results=results": "--trust",
-    "reproduce options tasks=turkey arms=ppo results=results": "--trust",
+    "experiment compare run_dir=compared arms=ppo env=toy/turkey": None,
+    "experiment results results=results": "--trust",
+    "experiment curves results=results": "--trust",
+    "experiment options tasks=turkey arms=ppo results=results": "--trust",
 }
 PYTHON = {
     "RunConfig.load": lambda trust: RunConfig.load(Path("run"), trust=trust),
     "load": lambda trust: hitmdp_jax.load("run", trust=trust),
-    "extract": lambda trust: extract("run", "copy", trust=trust),
+    "extract": lambda trust: extract("run", "copy.policy", trust=trust),
+    "load a file": lambda trust: hitmdp_jax.load("a.policy", trust=trust),
     "load_all": lambda trust: load_all("run"),
-    "results.read": lambda trust: results.read(Path("run")),
+    "published.read": lambda trust: published.read(Path("results/turkey"), trust),
 }
 NAMES = ["algo", "env", "second_env"]
 
@@ -75,15 +78,19 @@ def folder(tmp_path, monkeypatch):
 def plant(folder, group="algo", name="planted.py:Class"):
     """Write a run, and whatever else holds one, whose settings name a file."""
     settings = {"algo": {"name": "ppo"}, "env": {"name": "toy/turkey"}, group: {"name": name}}
-    for place in ("run", "other", "swept/seed=0", "compared/ppo", "results/turkey/ppo"):
+    for place in ("run", "other", "swept/seed=0", "compared/toy-turkey/ppo-0-1"):
         (folder / place).mkdir(parents=True)
         (folder / place / "config.yaml").write_text(yaml.safe_dump(settings))
-    for place in ("run", "results/turkey/ppo"):
-        (folder / place / "about.yaml").write_text("hours: 1.0\n")
-        (folder / place / "seeds.csv").write_text("seed\n0\n")
+    (folder / "results/turkey").mkdir(parents=True)
+    (folder / "results/turkey/runs.yaml").write_text(yaml.safe_dump({"ppo": {"config": settings}}))
+    (folder / "results/turkey/seeds.csv").write_text(
+        "arm,seed,env_steps,last_100k_steps\nppo,0,1,2\n"
+    )
+    (folder / "results/turkey/curves.csv").write_text("arm,env_steps,1\nppo,1,2\n")
+    write_policy(folder / "a.policy", yaml.safe_dump(settings), 1, {}, spec_of_sizes(2, 1))
     arms = {"arm": [f"{group}.name={name}"]}
-    question = {"question": "?", "control": "arm", "settings": ["physics=native"], "arms": arms}
-    (folder / "study.yaml").write_text(yaml.safe_dump(question))
+    question = {"title": "?", "control": "arm", "settings": ["physics=native"], "arms": arms}
+    (folder / "own.yaml").write_text(yaml.safe_dump(question))
 
 
 def call(line, monkeypatch, *more):
@@ -130,7 +137,7 @@ def test_python_runs_no_file_that_a_run_names_unless_it_is_told_to(way, group, f
     with pytest.raises(UsageError, match="no command line of yours has named it"):
         PYTHON[way](False)
     assert not (folder / "marker").exists()
-    if way in ("RunConfig.load", "load", "extract"):
+    if way in ("RunConfig.load", "load", "load a file", "extract", "published.read"):
         with pytest.raises(UsageError, match=r"is no algorithm|makes no environment"):
             PYTHON[way](True)
         assert (folder / "marker").exists()

@@ -43,7 +43,7 @@ assert hitmdp_jax.__file__.startswith(site), hitmdp_jax.__file__
 run("train", *settings, "total_steps=2048", "run_dir=a run")
 assert "± " not in run("evaluate", "a run", "--episodes", "2", "--json")
 hitmdp_jax.load("a run")
-assert "options" in run("reproduce", "--help")
+assert "table1" in run("experiment", "--help")
 assert "report.html" in run("report", "a run")
 print("done")
 """

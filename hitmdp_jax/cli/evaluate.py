@@ -24,7 +24,7 @@ from hitmdp_jax.interpret.option_use import number_of_options
 from hitmdp_jax.reading import read_rows
 from hitmdp_jax.runs.checkpoint import Progress
 from hitmdp_jax.runs.config import RunConfig, Task
-from hitmdp_jax.runs.folder import EVALUATIONS, alone, write
+from hitmdp_jax.runs.folder import EVALUATIONS, alone, is_policy, write
 from hitmdp_jax.runs.host import set_up_host
 from hitmdp_jax.runs.interrupt import StopRequest
 from hitmdp_jax.runs.policy import Policy, places
@@ -144,7 +144,12 @@ def _known(path: Path) -> list[dict[str, str]]:
 
 
 def _note(run_dir: Path, rows: list[dict[str, Any]]) -> None:
-    """Append rows, or say why that cannot be done: the scores themselves are known."""
+    """Append rows, or say why that cannot be done: the scores themselves are known.
+
+    A policy's file takes none.
+    """
+    if is_policy(run_dir):
+        return
     try:
         append(run_dir, rows)
     except OSError as error:

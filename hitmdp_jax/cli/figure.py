@@ -20,7 +20,7 @@ from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError, out_of_domain, warn
 from hitmdp_jax.experiments import tables
 from hitmdp_jax.figures import registry, theorems
-from hitmdp_jax.figures.curves import read_metrics, save
+from hitmdp_jax.figures.curves import save
 from hitmdp_jax.figures.registry import Entry, Needs, RunMetrics
 from hitmdp_jax.interpret.evaluation import check_episodes
 from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, table
@@ -29,6 +29,7 @@ from hitmdp_jax.interpret.option_use import number_of_options
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import FIGURES
 from hitmdp_jax.runs.host import set_up_host
+from hitmdp_jax.runs.metrics import read_metrics
 from hitmdp_jax.runs.policy import places
 from hitmdp_jax.video import filmstrip
 

@@ -61,10 +61,11 @@ def run(settings: Settings, flags: list[str]) -> int:
 
 def final_return(run_dir: Path, config: RunConfig) -> float:
     """Return a finished run's return: the interquartile mean over the seeds of its best setting."""
-    from hitmdp_jax.experiments.sweeps import rank
-    from hitmdp_jax.figures.curves import read_metrics
+    from hitmdp_jax.interpret.summary import rank
+    from hitmdp_jax.runs.metrics import read_metrics
 
-    return rank(read_metrics(run_dir, len(config.trainings)), config)[0].iqm
+    best, *_ = rank(config, read_metrics(run_dir, len(config.trainings))).values()
+    return best.iqm
 
 
 def _short(override: str) -> str:

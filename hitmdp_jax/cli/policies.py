@@ -8,7 +8,7 @@ import jax
 
 from hitmdp_jax.cli.settings import writable
 from hitmdp_jax.runs.config import RunConfig, Task
-from hitmdp_jax.runs.folder import made, refuse_link
+from hitmdp_jax.runs.folder import is_policy, made, refuse_link
 from hitmdp_jax.runs.policy import Policy, load_all, places
 from hitmdp_jax.training.sweep import Training
 
@@ -77,12 +77,15 @@ def evaluation_key(training: Training) -> jax.Array:
 def output(arguments: argparse.Namespace, folder: str, name: str) -> Path:
     """Return the file that --out names, or the one of that name in a folder of the run.
 
+    A policy's file `x.policy` has such folders in `x`, beside it.
+
     Raises:
       OSError: the run's folder holds a link instead of that folder.
     """
     if arguments.out is not None:
         return arguments.out
-    within = arguments.run_dirs[0] / folder
+    run_dir = arguments.run_dirs[0]
+    within = (run_dir.with_suffix("") if is_policy(run_dir) else run_dir) / folder
     refuse_link(within)
     return within / name
 

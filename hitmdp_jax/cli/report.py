@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> None:
         set_up_host(ENGINE, 16 * arguments.episodes)
         write(first, configs[first], out, arguments.seed, arguments.episodes)
     else:
-        from hitmdp_jax.experiments.comparison_page import comparison_page
+        from hitmdp_jax.experiments.pages import comparison_page
 
         runs = _named(configs)
         commands = {name: command_line(config) for name, (_, config) in runs.items()}
@@ -126,9 +126,9 @@ def _median(run_dir: Path, config: RunConfig) -> int:
 
     It is the first one where no return is known.
     """
-    from hitmdp_jax.experiments.comparison import final_returns
-    from hitmdp_jax.experiments.sweeps import rank
-    from hitmdp_jax.figures.curves import read_metrics
+    from hitmdp_jax.interpret.returns import final_returns
+    from hitmdp_jax.interpret.summary import rank
+    from hitmdp_jax.runs.metrics import read_metrics
 
     if not (run_dir / folder.METRICS).is_file():
         return 0
@@ -136,7 +136,8 @@ def _median(run_dir: Path, config: RunConfig) -> int:
     if not metrics:
         return 0
     returns = final_returns(metrics, config.switch_at)
-    candidates = np.array(places(config.trainings, setting=rank(metrics, config)[0].setting))
+    best = next(iter(rank(config, metrics).values()))
+    candidates = np.array(places(config.trainings, setting=best.setting))
     known = candidates[np.isfinite(returns[candidates])]
     return int(known[np.argsort(returns[known])[(len(known) - 1) // 2]]) if known.size else 0
 

@@ -28,7 +28,8 @@ class OptionFigures:
     def __call__(self, progress: Progress, env_steps: int) -> Values:
         """Draw a figure, and return no metric."""
         # Matplotlib takes a second to import, in which the training could have started.
-        from hitmdp_jax.figures.curves import option_durations, pixels, read_metrics
+        from hitmdp_jax.figures.curves import option_durations, pixels
+        from hitmdp_jax.runs.metrics import read_metrics
 
         try:
             metrics = read_metrics(self._run_dir)

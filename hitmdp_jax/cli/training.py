@@ -94,9 +94,10 @@ def _run(run: Run, run_dir: Path, resume: bool, report: bool) -> int:
     print(f"{where if outcome.signum else 'Saved'} in {run_dir}.")
     # Matplotlib and SciPy take seconds to import, in which the training could run already.
     from hitmdp_jax.experiments import tables
-    from hitmdp_jax.experiments.comparison import headline
     from hitmdp_jax.experiments.sweeps import draw_sweep
-    from hitmdp_jax.figures.curves import draw_figures, read_metrics
+    from hitmdp_jax.figures.curves import draw_figures
+    from hitmdp_jax.interpret.returns import headline
+    from hitmdp_jax.runs.metrics import read_metrics
 
     try:
         if config.sweep:

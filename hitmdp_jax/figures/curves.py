@@ -1,6 +1,5 @@
 """Figures of a run, drawn from its metrics.csv alone."""
 
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,49 +13,11 @@ from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullForma
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.figures.style import Style, color, option_color, plain
 from hitmdp_jax.learning.options import mean_duration
-from hitmdp_jax.reading import read_numbers
-from hitmdp_jax.runs.folder import FIGURES, METRICS, replaced, subfolder
+from hitmdp_jax.runs.folder import FIGURES, replaced, subfolder
+from hitmdp_jax.runs.metrics import read_metrics
 
 WINDOW = 20  # iterations a curve is smoothed over, as in the paper's figures
 THIN, FAINT = 0.7, 0.5  # width and opacity of a single seed's line
-
-
-def read_metrics(run_dir: Path, trainings: int | None = None) -> dict[str, np.ndarray]:
-    """Return a run's metrics as arrays [S, iterations] by column name; missing values are NaN.
-
-    Rows belong together by their iteration, seed and setting, wherever they stand. A report that
-    lacks a training's row is left out: a run that was killed, or still writes, leaves such a last
-    one. A run without a whole report has no columns.
-
-    Args:
-      run_dir: the run's folder.
-      trainings: how many the run has, where the arrays' places are to be theirs.
-
-    Raises:
-      UsageError: the file cannot be read, a row is not one number a column, or a training has lost
-        all its rows.
-    """
-    needed = ("iteration", "env_steps", "seed")
-    rows = read_numbers(run_dir / METRICS, needed, unfinished=True)
-    reports: dict[float, dict[tuple[float, float], dict[str, float]]] = {}
-    for row in rows:
-        training = row.get("setting", 0.0), row["seed"]
-        reports.setdefault(row["iteration"], {})[training] = row
-    counts = Counter(frozenset(report) for report in reports.values())
-    if not counts:
-        return {}
-    every = max(counts, key=lambda trainings: (counts[trainings], len(trainings)))
-    if trainings is not None and len(every) != trainings:
-        if len(reports) == 1:  # which is being written
-            return {}
-        raise UsageError(
-            f"'{run_dir / METRICS}' has lost rows: it holds {len(every)} of the run's {trainings} "
-            "trainings."
-        )
-    whole = [report for report in reports.values() if report.keys() == every]
-    return {
-        name: np.array([[of[i][name] for of in whole] for i in sorted(every)]) for name in rows[0]
-    }
 
 
 def window_sum(

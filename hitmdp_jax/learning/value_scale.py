@@ -15,7 +15,7 @@ def decay(critic: Any, share: jax.Array | float) -> Any:
     A critic bootstraps from its own values where a time limit ends an episode, and what it gets
     wrong there, in a state that no reward corrects, is in the targets of the whole episode. With
     short episodes and goals that are new in each, nothing holds such errors: they feed themselves,
-    the scale grows with them, and the advantages drown (docs/ablation.md). The fit that follows
+    the scale grows with them, and the advantages drown (results/notebook.md). The fit that follows
     makes up for the decay wherever it has data.
 
     Args:

@@ -15,22 +15,20 @@ import numpy as np
 from markupsafe import Markup
 
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.experiments.comparison import final_returns, headline, median_speed
-from hitmdp_jax.experiments.statistics import number, rounding
-from hitmdp_jax.experiments.sweeps import by_setting, rank
-from hitmdp_jax.experiments.sweeps import table as sweep_table
 from hitmdp_jax.figures import registry
-from hitmdp_jax.figures.curves import read_metrics
 from hitmdp_jax.figures.registry import Needs, RunMetrics
 from hitmdp_jax.figures.style import styles
 from hitmdp_jax.interpret import interventions
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.interpret.perturbation import sentences
+from hitmdp_jax.interpret.returns import final_returns, headline, median_speed
+from hitmdp_jax.interpret.statistics import number_text, rounding
+from hitmdp_jax.interpret.summary import rank, sweep_table
 from hitmdp_jax.report.interactive import chart, explorer, learning_curves
 from hitmdp_jax.report.page import Parts, drawing, heading, page, preformatted, table, text
 from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.metrics import by_setting, read_metrics
 from hitmdp_jax.runs.provenance import made_with
-from hitmdp_jax.training.sweep import label
 
 SETTINGS = 7  # of a sweep whose curves are drawn, the best
 
@@ -102,13 +100,13 @@ class RunReport:
         done += f", of each of {trainings} trainings" if trainings > 1 else ""
         if config.sweep:
             done += f": {config.seeds} seeds of each of {len(config.settings)} settings"
-            best = rank(metrics, config)[0]
-            metrics = list(by_setting(config, metrics).values())[best.setting]
+            best = next(iter(rank(config, metrics)))
+            metrics = by_setting(config, metrics)[best]
         name, score = headline(metrics, config.switch_at)
         if config.sweep:
-            name += f", of the best setting, {label(best.swept)}"
+            name += f", of the best setting, {best}"
         returns = final_returns(metrics, config.switch_at)
-        each = ", ".join(number(x, rounding(returns, fewer=1)) for x in returns)
+        each = ", ".join(number_text(x, rounding(returns, fewer=1)) for x in returns)
         minutes = steps / median_speed(self.metrics) / 60
         time = f"about {minutes:.0f} minutes" if minutes >= 1.5 else "about a minute"
         yield table(
@@ -129,10 +127,10 @@ class RunReport:
         algorithm: str = config.algo["name"]
         runs = {algorithm: metrics}
         if config.sweep:
-            best = rank(metrics, config)
+            best = rank(config, metrics)
             yield table(sweep_table(best))
-            settings = list(by_setting(config, metrics).items())
-            runs = dict(settings[result.setting] for result in best[:SETTINGS])
+            settings = by_setting(config, metrics)
+            runs = {name: settings[name] for name in list(best)[:SETTINGS]}
         looks = styles(dict.fromkeys(runs, algorithm))
         yield chart(learning_curves(runs, looks, dict.fromkeys(runs, config.switch_at)))
         yield text("Thin lines are seeds, over the last 20 iterations each; the policy samples.")
@@ -184,7 +182,7 @@ def usage(analysis: OptionAnalysis) -> Parts:
     for k in analysis.by_usage:
         lasted = analysis.durations[np.isfinite(analysis.durations[:, k]), k]
         mean = float(lasted.mean()) if lasted.size else np.nan
-        rows.append([f"option {k}", f"{analysis.usage[k]:.0%}", number(mean)])
+        rows.append([f"option {k}", f"{analysis.usage[k]:.0%}", number_text(mean)])
     yield table(rows)
 
 

@@ -11,7 +11,6 @@ import jax
 import orbax.checkpoint as ocp
 from orbax.checkpoint import checkpoint_managers as managers
 
-from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.reading import check_tree
 from hitmdp_jax.runs.checkpoint_items import (
@@ -105,18 +104,6 @@ class Checkpoints(SavedCheckpoints):
             self._manager.save(iteration, args=items)
 
         self._attempt(write)
-
-    def save_policy(self, iteration: int, task: int, policy: dict[str, Any], spec: Spec) -> None:
-        """Save what acting needs, without the state that a training would go on from.
-
-        Args:
-          iteration: after which the policy acted so.
-          task: the place of the task that it had learned then.
-          policy: as `restore_policy` gives it.
-          spec: what that task says of itself.
-        """
-        items = items_of({POLICY: policy}, spec, task, iteration, math.nan)
-        self._attempt(lambda: self._manager.save(iteration, args=items))
 
     def restore(self, like: Callable[[int], TrainState]) -> Progress:
         """Return the newest checkpoint that can be read, and remove those that cannot.

@@ -53,7 +53,7 @@ class Words:
     def to_dict(self) -> dict[str, Any]:
         """Return the words for JSON, their own digest among them."""
         words = {"schema": SCHEMA} | vars(self) | {"spec": self.spec.to_dict()}
-        return words | {"digest": _digest_of_words(words)}
+        return words | {"digest": digest_of_words(words)}
 
     @classmethod
     def read(cls, path: Path, iteration: int) -> "Words":
@@ -69,7 +69,7 @@ class Words:
                 f"'{path}' was written by a newer hitmdp_jax (schema {words['schema']}; "
                 f"this one reads up to {SCHEMA}): upgrade to read it."
             )
-        if words.pop("digest", None) != _digest_of_words(words) or words["iteration"] != iteration:
+        if words.pop("digest", None) != digest_of_words(words) or words["iteration"] != iteration:
             raise DamagedError("its words are not those that were saved")
         del words["schema"]
         return cls(**words | {"spec": Spec.from_dict(words["spec"])})
@@ -99,7 +99,8 @@ def digest(tree: Any) -> str:
     return found.hexdigest()
 
 
-def _digest_of_words(words: dict[str, Any]) -> str:
+def digest_of_words(words: dict[str, Any]) -> str:
+    """Return a digest of words and numbers, as JSON has them."""
     return hashlib.sha256(json.dumps(words, sort_keys=True).encode()).hexdigest()
 
 

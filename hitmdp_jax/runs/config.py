@@ -18,7 +18,7 @@ from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 from hitmdp_jax.physics import find_engine
 from hitmdp_jax.reading import read_yaml
-from hitmdp_jax.runs.folder import CONFIG, require_run
+from hitmdp_jax.runs.folder import CONFIG, is_policy, require_run
 from hitmdp_jax.runs.schedule import Schedule
 from hitmdp_jax.training.sizes import check_sizes
 from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
@@ -244,7 +244,7 @@ class RunConfig:
         """Read a run's settings; what an older version did not have yet takes its default.
 
         Args:
-          run_dir: the run's folder.
+          run_dir: the run's folder, or the file of a single policy.
           trust: run the files of tasks and algorithms that the settings name, whoever made them.
 
         Raises:
@@ -252,8 +252,16 @@ class RunConfig:
             nobody here trusts (`plugins`).
         """
         require_run(run_dir)
+        if is_policy(run_dir):
+            from hitmdp_jax.runs.policy_file import read_policy  # a run's settings need no Orbax
+
+            return cls.read(read_policy(run_dir).settings, run_dir, trust)
         path = run_dir / CONFIG
-        settings = read_yaml(path)
+        return cls.read(read_yaml(path), path, trust)
+
+    @classmethod
+    def read(cls, settings: Any, path: Path, trust: bool = False) -> "RunConfig":
+        """Return the settings that a file holds; `path` names it, the rest is as `load`."""
         if not isinstance(settings, dict):
             raise UsageError(f"'{path}' cannot be read: it does not hold a run's settings.")
         schema = settings.pop("schema", SCHEMA)

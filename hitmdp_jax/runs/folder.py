@@ -23,6 +23,7 @@ SWEEP = "sweep"  # of a sweep: its table, `.csv` and `.md`, and its figure
 EVENTS = "events"  # of TensorBoard, which adds `.out.tfevents.` and more
 LOCK = ".lock"  # stays; whoever trains holds it
 LEFTOVER = ".*.tmp"  # of a file that was being written at a kill
+POLICY = ".policy"  # ends the name of a file that holds one policy and stands for a run's folder
 CHECKPOINTS, EXPORT, FIGURES = "checkpoints", "export", "figures"
 SETTINGS, VIDEOS, WANDB = "settings", "videos", "wandb"
 
@@ -33,13 +34,18 @@ FILES = (
 )  # fmt: skip
 
 
+def is_policy(path: Path) -> bool:
+    """Return whether a path is that of a policy's file."""
+    return path.suffix == POLICY and path.is_file()
+
+
 def require_run(run_dir: Path) -> None:
-    """Check that a folder holds a run, whatever its settings are.
+    """Check that a folder holds a run, or a file a policy, whatever its settings are.
 
     Raises:
       UsageError: it does not.
     """
-    if not (run_dir / CONFIG).is_file():
+    if not is_policy(run_dir) and not (run_dir / CONFIG).is_file():
         raise UsageError(f"'{run_dir}' is not a run's folder: it has no {CONFIG}.")
 
 

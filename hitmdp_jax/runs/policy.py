@@ -19,6 +19,8 @@ from hitmdp_jax.errors import UsageError, out_of_domain
 from hitmdp_jax.learning.normalization import normalize
 from hitmdp_jax.runs.checkpoint import Checkpoints
 from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.folder import is_policy
+from hitmdp_jax.runs.policy_file import read_policy
 from hitmdp_jax.training.sweep import Training
 
 
@@ -142,11 +144,13 @@ def load_all(
     """
     run_dir = folder_of(run_dir)
     config = RunConfig.load(run_dir)
-    checkpoints = Checkpoints(run_dir, read_only=True)
-    try:
-        iteration, saved, spec = checkpoints.restore_policy(checkpoint, task)
-    finally:
-        checkpoints.close()
+    if is_policy(run_dir):
+        _, iteration, saved, spec = read_policy(run_dir)
+        if checkpoint not in ("newest", "best", iteration):
+            raise UsageError(f"'{run_dir}' holds no checkpoint {checkpoint}; it holds {iteration}.")
+    else:
+        with contextlib.closing(Checkpoints(run_dir, read_only=True)) as checkpoints:
+            iteration, saved, spec = checkpoints.restore_policy(checkpoint, task)
     agents = config.make_agent().replace(**config.swept).bind(spec)
     policy = acting(agents, saved)
     if not fits(policy, len(config.trainings)):

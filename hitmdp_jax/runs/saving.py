@@ -1,4 +1,4 @@
-"""`save` and `extract`: a trained policy into a folder that `load` reads."""
+"""`save` and `extract`: a trained policy into a folder, or a file, that `load` reads."""
 
 import dataclasses
 import inspect
@@ -16,8 +16,9 @@ from hitmdp_jax.runs.checkpoint import Checkpoints
 from hitmdp_jax.runs.checkpoint_items import Progress, policy_of
 from hitmdp_jax.runs.claim import claim
 from hitmdp_jax.runs.config import RunConfig, trust_named
-from hitmdp_jax.runs.folder import LOCK
+from hitmdp_jax.runs.folder import POLICY
 from hitmdp_jax.runs.policy import acting, fits, folder_of, load_all, places
+from hitmdp_jax.runs.policy_file import write_policy
 from hitmdp_jax.training.state import TrainState
 from hitmdp_jax.training.sweep import PREFIX
 
@@ -56,20 +57,20 @@ def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: boo
 
 def extract(
     run_dir: str | Path,
-    folder: str | Path,
+    path: str | Path,
     seed: int | None = None,
     checkpoint: int | str = "newest",
     setting: int = 0,
     task: int | None = None,
     trust: bool = False,
 ) -> None:
-    """Copy one policy of a run into a folder of its own, which `load` reads: a few hundred kB.
+    """Copy one policy of a run into a file of its own, which `load` reads: a few hundred kB.
 
     It holds the settings, as of a run of that seed alone, and nothing to train on from.
 
     Args:
       run_dir: the run's folder.
-      folder: where to; made if need be.
+      path: the file, whose name ends with `.policy`; it replaces what is there.
       seed: as `load`.
       checkpoint: as `load`.
       setting: as `load`.
@@ -77,8 +78,11 @@ def extract(
       trust: as `load`.
 
     Raises:
-      UsageError: as `load`; or the folder holds a run or cannot be written.
+      UsageError: as `load`, or the file has another name.
+      OSError: the file cannot be written.
     """
+    if Path(path).suffix != POLICY:
+        raise UsageError(f"'{path}' must end with {POLICY}, by which `load` knows such a file.")
     config = RunConfig.load(folder_of(run_dir), trust)
     (place, *_) = places(config.trainings, config.seed if seed is None else seed, setting)
     iteration, everyone = load_all(run_dir, checkpoint, task)
@@ -87,13 +91,8 @@ def extract(
     alone = {"seeds": 1, "seed": training.seed, "sweep": None, "samples": None}
     own = dataclasses.replace(config, algo=config.algo | swept, **alone)
     learned = {"params": everyone.params, **dataclasses.asdict(everyone.normalizer)}
-    checkpoints = Checkpoints(claim(folder_of(folder), own))
     mine = jax.tree.map(lambda x: x[place : place + 1], learned)
-    checkpoints.save_policy(iteration, config.schedule.task_at(iteration), mine, everyone.spec)
-    checkpoints.close()
-    if checkpoints.failure:
-        raise UsageError(f"'{folder}' cannot be written: {checkpoints.failure}")
-    (Path(folder) / LOCK).unlink()  # nobody trains there
+    write_policy(Path(path), own.to_yaml(), iteration, mine, everyone.spec)
 
 
 def describe(agent: Agent) -> dict[str, Any]:

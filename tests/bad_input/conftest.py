@@ -79,7 +79,7 @@ def workspace(tmp_path_factory):
     with_checkpoint("other_seeds", seeds=3)
     with_checkpoint("other_env", env={"name": "hopper", "version": "v5"})
     with_checkpoint("from_python", env=None)
-    with_checkpoint("compared/ppo")
+    with_checkpoint("compared/toy-turkey/ppo-0-5")
     run("unsaved")
     run("broken", "algo: [")
     run("binary", "\xff\xfe\x00")
@@ -99,18 +99,20 @@ def workspace(tmp_path_factory):
     run("wrong_name", env={"name": [1]})
     run("wrong_keyword", env={"name": "toy/turkey", "colour": "red"})
     run("own_gone", env={"name": "gone.py:Task"})
-    write_studies(folder / "studies")
+    write_experiments(folder / "experiments")
     return folder
 
 
-def write_studies(folder):
-    """Write studies of which each has one fault, that its name tells."""
+def write_experiments(folder):
+    """Write experiments of which each has one fault, that its name tells."""
     folder.mkdir()
-    good = {"question": "?", "control": "a", "settings": [], "arms": {"a": []}}
+    good = {"title": "?", "control": "a", "settings": [], "arms": {"a": []}}
     faults = {
         "arms": {"arms": ["a"]},
         "setting": {"settings": [1]},
-        "question": {"question": 1},
+        "title": {"title": 1},
+        "field": {"seting": []},
+        "paper": {"paper": {"a": 1.0}},
         "number": {"arms": {1: []}, "control": 1},
         "control": {"control": "b"},
         "climbs": {"arms": {"a": [], "../../x": []}},
@@ -122,8 +124,8 @@ def write_studies(folder):
     }
     for name, fault in faults.items():
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(good | fault))
-    (folder / "short.yaml").write_text("question: none")
-    (folder / "torn.yaml").write_text("question: [")
+    (folder / "short.yaml").write_text("title: none")
+    (folder / "torn.yaml").write_text("title: [")
     (folder / "deep.yaml").write_text("[" * 3000)
     (folder / "binary.yaml").write_bytes(b"\xff\xfe\x00")
 

@@ -4,23 +4,23 @@ import csv
 import dataclasses
 import errno
 import fnmatch
-import functools
 import os
 import shutil
 
 import numpy as np
-import orbax.checkpoint as ocp
 import pytest
 
-from hitmdp_jax.cli import export, figure, report, reproduce, study, suites, video
-from hitmdp_jax.errors import UsageError
-from hitmdp_jax.experiments import results, sweeps
+from hitmdp_jax.cli import cells, export, figure, report, video
+from hitmdp_jax.experiments import published, sweeps
 from hitmdp_jax.figures import theorems
 from hitmdp_jax.runs import folder
 from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.saving import extract
 from tests.cli.conftest import CHECKOUT, rows_of
+from tests.experiments.test_published import cell_of
+from tests.interpret.reports import made_up
 from tests.runs.test_folder import contents, plant
-from tests.test_reading import CELL, UNREAD
+from tests.test_reading import PUBLISHED, UNREAD
 
 EVALUATE = ("evaluate", "{}", "--episodes=2")
 REPORT = ("report", "{}")
@@ -28,7 +28,7 @@ EXPORT = ("export", "{}", "--format=stablehlo")
 VIDEO = ("video", "{}", "--episodes=1")
 DRAW = ("figure", "figure6", "{}")
 RESUME = ("train", "resume={}", "total_steps=10240", "report=false")
-PAGE, CURVES = ("reproduce", "results"), ("reproduce", "curves")
+PAGE, CURVES = ("experiment", "results"), ("experiment", "curves")
 EXPORTED = f"{folder.EXPORT}/policy_8192.stablehlo"
 FILMED = f"{folder.VIDEOS}/8192"
 DRAWN = f"{folder.FIGURES}/figure6.png"
@@ -111,9 +111,7 @@ LATE = [
     (DRAW, DRAWN, (figure, "metrics_of")),
     (("figure", "causal", "{}"), f"{folder.FIGURES}/causal.png", (figure, "analysis_of")),
     (("figure", "variance", "--out={}/a.png"), "a.png", (theorems, "sample_models")),
-    (("reproduce", "compare", "run_dir={}"), "comparison.png", (reproduce, "train_arms")),
-    (("study", "memory", "run_dir={}"), "study.md", (study, "train_arms")),
-    (("study", "memory", "append={}/notes.md"), "notes.md", (study, "train_arms")),
+    (("experiment", "memory", "page={}/notes.md"), "notes.md", (cells, "train_into")),
 ]
 
 
@@ -197,31 +195,30 @@ def test_a_full_disk_leaves_what_was_told_of_a_sweep(swept, monkeypatch, name):
     assert path.read_bytes() != b"old"
 
 
-def test_a_full_disk_leaves_the_published_cell(swept, tmp_path, monkeypatch):
+def test_a_full_disk_leaves_what_is_published_of_a_task(finished, tmp_path, monkeypatch):
     """Whichever of its files is being written."""
-    cell = tmp_path / "results" / "invertedpendulum" / "mopg"
-    more = functools.partial(suites.publish_more, swept, with_policy=True)
+    folder_of_task = tmp_path / "results" / "swimmer"
+    metrics = made_up(np.random.default_rng(2), seeds=2)
 
     def publish(day):
-        scores = {"evaluation": np.array([1.0, 2.0])}
-        results.publish(swept, cell, scores, {"day": day}, None, more)
+        def add_policy(beside):
+            extract(finished[0], beside / "mopg.policy")
+
+        published.publish(cell_of(metrics, day=day), folder_of_task, "mopg", add_policy)
 
     publish("old")
-    assert {path.name for path in cell.iterdir()} == set(CELL)
-    before = contents(cell)
-    for name in (*CELL, f"policy/{folder.CONFIG}"):
+    assert {path.name for path in folder_of_task.iterdir()} == {*PUBLISHED}
+    before = contents(folder_of_task)
+    for name in PUBLISHED:
         with monkeypatch.context() as patch:
-            if name == results.POLICY:  # whose numbers Orbax writes
-                patch.setattr(ocp.CheckpointManager, "save", full)
-            else:
-                fill_disk(patch, cell.with_name(".mopg.new") / name)
-            with pytest.raises((OSError, UsageError), match="No space left on device"):
+            fill_disk(patch, folder_of_task.with_name(".swimmer.new") / name)
+            with pytest.raises(OSError, match="No space left on device"):
                 publish("new")
-        assert contents(cell) == before
+        assert contents(folder_of_task) == before
     publish("new")
-    assert [path.name for path in cell.parent.iterdir()] == ["mopg"]
-    assert {path.name for path in cell.iterdir()} == set(CELL)
-    assert "new" in (cell / results.ABOUT).read_text()
+    assert [path.name for path in folder_of_task.parent.iterdir()] == ["swimmer"]
+    assert {path.name for path in folder_of_task.iterdir()} == {*PUBLISHED}
+    assert "new" in (folder_of_task / published.RUNS).read_text()
 
 
 @pytest.mark.parametrize(
@@ -231,8 +228,8 @@ def test_a_full_disk_leaves_the_published_cell(swept, tmp_path, monkeypatch):
 def test_a_full_disk_leaves_the_page_of_what_is_published(
     command, tmp_path, monkeypatch, line, name
 ):
-    cell = "results/hopper/ppo"
-    shutil.copytree(CHECKOUT / cell, tmp_path / cell)
+    task = "results/hopper"
+    shutil.copytree(CHECKOUT / task, tmp_path / task)
     path = tmp_path / name
     path.parent.mkdir(exist_ok=True)
     path.write_text("old")

@@ -11,7 +11,11 @@ COMMAND = r"(?:python train\.py|python -m hitmdp_jax|hitmdp)(?: .*)?$"
 
 def pages() -> dict[str, str]:
     """Return every page that is written by hand, by its path from the root."""
-    paths = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    paths = [
+        ROOT / "README.md",
+        ROOT / "results/notebook.md",
+        *sorted((ROOT / "docs").glob("*.md")),
+    ]
     texts = {str(path.relative_to(ROOT)): path.read_text() for path in paths}
     # Its commands come from the settings of the runs that it tells of (`cli.command_line`).
     del texts["docs/results.md"]

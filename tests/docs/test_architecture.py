@@ -60,13 +60,7 @@ def imported_by(path):
                 yield rest.split(".")[0]
 
 
-@pytest.mark.parametrize(
-    "folder",
-    [
-        pytest.param(x, marks=pytest.mark.xfail(strict=False)) if x == "report" else x
-        for x in FOLDERS  # what report and experiments need of each other moves to interpret
-    ],
-)
+@pytest.mark.parametrize("folder", FOLDERS)
 def test_a_folder_imports_from_those_above_it_alone(folder):
     allowed = set(FOLDERS[: FOLDERS.index(folder) + 1])
     for path in FILES:

@@ -33,7 +33,7 @@ OF_RUNS = [
 ]
 NAMES = {f"algo.{x.name}" for agent in AGENTS.values() for x in hyperparameters_of(agent)}
 # What has the form of a setting and is one of Python's, of another command or of another program.
-OTHERS = {"checkpoint", "task", "tasks", "arms", "algos", "append", "embeddings"}
+OTHERS = {"checkpoint", "task", "tasks", "arms", "results", "page", "embeddings"}
 OTHERS |= {"launcher", "xla_gpu_deterministic_ops"}
 
 

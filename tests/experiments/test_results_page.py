@@ -1,26 +1,42 @@
+"""The page about what is published, from cells and from the published ones."""
+
 import numpy as np
 
-from hitmdp_jax.experiments.results import Cell
-from hitmdp_jax.experiments.results_page import Suite, all_tasks, commands
+from hitmdp_jax.cli.published import read_cells
+from hitmdp_jax.experiments import experiment
+from hitmdp_jax.experiments.experiment import Experiment
+from hitmdp_jax.experiments.published import Cell
+from hitmdp_jax.experiments.results_page import all_tasks, commands, page, section
+from hitmdp_jax.interpret.summary import Summary
 from hitmdp_jax.runs.config import RunConfig
+from tests.cli.conftest import CHECKOUT
 
 CONFIG = RunConfig(algo={"name": "ppo"}, env={"name": "hopper"})
-SUITE = Suite(
-    title="",
-    about="",
-    settings=[],
+EXPERIMENT = Experiment(
+    title="Which?",
     tasks={"hopper": [], "ant": [], "reacher": []},
     arms={"mopg": [], "ppo": [], "dac": []},
     control="ppo",
-    paper={},
-    elsewhere="",
-    policies=[],
 )
+
+
+def test_the_page_is_that_of_the_published_results():
+    every = experiment.published()
+    tasks = {task for one in every.values() for task in one.tasks}
+    pictures = {name: f"../results/{name}.png" for name in every}
+    written = page(every, read_cells(CHECKOUT / "results", tasks), pictures)
+    assert written == (CHECKOUT / "docs/results.md").read_text()
+
+
+def test_what_is_missing_is_named():
+    told = section("own", EXPERIMENT, {})
+    assert told.startswith("## Which?\n")
+    assert "Not run: hopper (mopg, ppo, dac); ant (mopg, ppo, dac)" in told
 
 
 def cell(*returns, times=3):
     """A cell of each of the returns so many times: of six seeds, say."""
-    return Cell(CONFIG, {"last_100k_steps": np.repeat(returns, times)}, {})
+    return Cell(Summary(CONFIG, {"last_100k_steps": np.repeat(returns, times)}), {})
 
 
 def test_arms_are_held_against_the_control_where_both_are_published():
@@ -29,14 +45,14 @@ def test_arms_are_held_against_the_control_where_both_are_published():
         "ant": {"mopg": cell(1.0, 1.0), "ppo": cell(1.0, times=9)},
         "reacher": {"mopg": cell(9.0, 9.0), "dac": cell(9.0, 9.0)},
     }
-    header, *rows = all_tasks(SUITE, cells)
+    header, *rows = all_tasks(EXPERIMENT, cells)
     assert header[3].startswith("P(better than ppo)")
     # dac meets the control on one task alone
     # and few seeds have no interval, all tasks' together
     few = {task: {name: cell(1.0) for name in ("mopg", "ppo")} for task in ("hopper", "ant")}
-    assert all_tasks(SUITE, few)[1] == ["mopg", "2", "3", "0.50 [0.50, 0.50]", ""]
+    assert all_tasks(EXPERIMENT, few)[1] == ["mopg", "2", "3", "0.50 [0.50, 0.50]", ""]
     few = {task: {name: cell(1.0, times=2) for name in ("mopg", "ppo")} for task in few}
-    assert all_tasks(SUITE, few)[1] == ["mopg", "2", "2", "0.50", ""]
+    assert all_tasks(EXPERIMENT, few)[1] == ["mopg", "2", "2", "0.50", ""]
     assert rows == [["mopg", "2", "6", "0.75 [0.75, 0.75]", ""]]
 
 
@@ -46,7 +62,7 @@ def test_the_first_arm_is_held_against_the_others():
         "ant": {"mopg": cell(1.0, 1.0), "ppo": cell(1.0, 1.0), "dac": cell(1.0, 1.0)},
         "reacher": {"ppo": cell(9.0, 9.0), "dac": cell(9.0, 9.0)},  # not mopg
     }
-    header, *rows = all_tasks(SUITE, cells)
+    header, *rows = all_tasks(EXPERIMENT, cells)
     assert header[4].startswith("P(mopg better)")
     assert rows == [
         ["mopg", "2", "6", "0.75 [0.75, 0.75]", ""],
@@ -57,7 +73,7 @@ def test_the_first_arm_is_held_against_the_others():
 def test_what_cells_were_made_with_is_told_once():
     def made(by, hours, *machines):
         about = {"command": by, "day": "2026-11-29", "hours": hours, "with": "; ".join(machines)}
-        return Cell(CONFIG, {}, about)
+        return Summary(CONFIG, {}, about)
 
     runs = {
         "ant/mopg": made("first; rest", 1.5, "a", "b"),

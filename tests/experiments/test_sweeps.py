@@ -8,8 +8,9 @@ import pytest
 from rich.console import Console
 
 from hitmdp_jax.cli.jobs import final_return
-from hitmdp_jax.experiments.comparison_page import comparison_page
-from hitmdp_jax.experiments.sweeps import by_setting, draw_sweep, rank, sweep_figure, table
+from hitmdp_jax.experiments.pages import comparison_page
+from hitmdp_jax.experiments.sweeps import draw_sweep, sweep_figure
+from hitmdp_jax.interpret.summary import Summary
 from hitmdp_jax.report.run_report import RunReport
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.sinks import CsvSink
@@ -18,34 +19,6 @@ from hitmdp_jax.runs.sinks.terminal import TerminalSink
 CONFIG = RunConfig(
     algo={"name": "ppo"}, seeds=2, sweep={"algo.gamma": [0.9, 0.95, 0.99]}, total_steps=3 * 2048
 )
-RETURNS = np.array([[1.0, 3.0], [5.0, 7.0], [9.0, np.nan]])  # by setting and seed
-
-
-def metrics(returns=RETURNS):
-    flat = returns.reshape(-1, 1).repeat(3, axis=1)
-    steps = np.tile([2048.0, 4096.0, 6144.0], (6, 1))
-    return {"env_steps": steps, "episode_return": flat, "episodes": np.isfinite(flat) * 1.0}
-
-
-def test_the_best_setting_comes_first_and_what_has_no_return_last():
-    results = rank(metrics(), CONFIG)
-    assert [result.setting for result in results] == [1, 0, 2]
-    assert [result.iqm for result in results[:2]] == [6.0, 2.0]
-    assert results[0].swept == {"algo.gamma": 0.95}
-
-
-def test_the_table_and_the_figure_show_every_setting():
-    results = rank(metrics(), CONFIG)
-    header, *rows = table(results)
-    assert header[:4] == ["setting", "gamma", "seeds", "IQM of all 6,144 steps [95% interval]"]
-    assert rows[0][2:4] == ["2", "6.00"]  # of two seeds there is no interval
-    assert rows[0][:2] == ["1", "0.95"]
-    assert rows[0][-1] == "5.0 7.0"
-    assert rows[2][-1] == "9.0 -"
-    (axes,) = sweep_figure(results, "a sweep", "mopg").axes
-    assert "of 2 seeds" in axes.get_xlabel()
-    assert axes.get_yticklabels()[0].get_text() == "gamma=0.95"
-    np.testing.assert_array_equal(axes.lines[0].get_xdata(), [5.0, 7.0])
 
 
 def test_a_run_is_told_by_its_files(tmp_path):
@@ -64,16 +37,13 @@ def test_a_run_is_told_by_its_files(tmp_path):
     assert figures == {"sweep.png", "learning_curve.png"}
 
 
-def test_what_is_known_is_told_apart_by_setting():
-    found = by_setting(CONFIG, {"x": np.arange(6), "y": np.arange(12).reshape(6, 2)})
-    assert [(name, x["x"].tolist()) for name, x in found.items()] == [
-        ("gamma=0.9", [0, 1]), ("gamma=0.95", [2, 3]), ("gamma=0.99", [4, 5])
-    ]  # fmt: skip
-    assert found["gamma=0.99"]["y"].shape == (2, 2)
-    alike = dataclasses.replace(CONFIG, sweep={"algo.gamma": [0.9, 0.90001]})
-    assert [*by_setting(alike, {})] == ["gamma=0.9 (setting 0)", "gamma=0.9 (setting 1)"]
-    alone = dataclasses.replace(CONFIG, sweep=None)
-    assert [*by_setting(alone, {})] == [""]
+def test_the_figure_shows_every_setting():
+    columns = {"env_steps": np.full(2, 6144.0), "last_100k_steps": np.array([5.0, 7.0])}
+    settings = {"gamma=0.95": Summary(CONFIG, columns), "gamma=0.9": Summary(CONFIG, columns)}
+    (axes,) = sweep_figure(settings, "a sweep", "mopg").axes
+    assert axes.get_xlabel().startswith("return of all 6,144 steps: each of 2 seeds")
+    assert [x.get_text() for x in axes.get_yticklabels()] == ["gamma=0.95", "gamma=0.9"]
+    np.testing.assert_array_equal(axes.lines[0].get_xdata(), [5.0, 7.0])
 
 
 TOLD = np.array([[0.0, 2.0], [100.0, 104.0]])  # a worse setting and a better one, of two seeds

@@ -11,12 +11,14 @@ from matplotlib.text import Text
 
 from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.experiments.sweeps import SettingResult, sweep_figure
+from hitmdp_jax.experiments.sweeps import sweep_figure
 from hitmdp_jax.figures.curves import learning_curve
 from hitmdp_jax.figures.embeddings import limit_of_changes
 from hitmdp_jax.figures.registry import Needs, RunMetrics, entries, find
 from hitmdp_jax.figures.style import option_color
 from hitmdp_jax.interpret.perturbation import strongest
+from hitmdp_jax.interpret.summary import Summary
+from hitmdp_jax.runs.config import RunConfig
 from tests.interpret.analyses import analysis_of_embeddings, analysis_of_terminations
 
 OF_EPISODES = [name for name, entry in entries().items() if entry.needs == Needs.EPISODES]
@@ -163,15 +165,18 @@ def in_formulas():
     return known
 
 
+def one_setting():
+    columns = {"env_steps": np.ones(2), "last_100k_steps": np.ones(2)}
+    return Summary(RunConfig(algo={"name": "mopg"}), columns)
+
+
 NAMED = {
     "figure5": lambda: find("figure5").draw(in_formulas()),
     "projection": lambda: find("projection").draw(in_formulas()),
     "learning_curve": lambda: learning_curve(run_of(2, "").metrics, FORMULA, "mopg"),
     "figure6": lambda: find("figure6").draw(run_of(2, FORMULA)),
     "figure8": lambda: find("figure8").draw([run_of(2, FORMULA)]),
-    "sweep": lambda: sweep_figure(
-        [SettingResult(0, {FORMULA: 0.9}, np.ones(2), "all steps")], FORMULA, "mopg"
-    ),
+    "sweep": lambda: sweep_figure({FORMULA: one_setting()}, FORMULA, "mopg"),
 }
 
 

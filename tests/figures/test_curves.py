@@ -2,18 +2,21 @@ import numpy as np
 import pytest
 
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.experiments.comparison import comparison_figure
+from hitmdp_jax.experiments.published import Cell, curves_of
+from hitmdp_jax.experiments.results_figure import figure
 from hitmdp_jax.figures.curves import (
     draw_figures,
     learning_curve,
     option_durations,
-    read_metrics,
     smooth,
     window_sum,
 )
 from hitmdp_jax.figures.registry import RunMetrics, find
 from hitmdp_jax.figures.style import styles
+from hitmdp_jax.interpret.summary import summarize
 from hitmdp_jax.report.interactive import learning_curves
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.metrics import read_metrics
 from hitmdp_jax.runs.sinks import CsvSink
 from tests.probes import trainings
 
@@ -113,12 +116,15 @@ def curve_of_seeds(_):
     return learning_curve(transfer(), "a run", "mopg", SWITCH).axes[0].lines[0].get_xydata()
 
 
-def curve_of_a_comparison(folder):
-    sink = CsvSink(folder, trainings(1))
-    for i, value in enumerate(transfer()["episode_return"][0], 1):
-        sink.write(i, 100 * i, {"episode_return": np.array([value])})
-    sink.close()
-    return comparison_figure({"ppo": folder}, "two tasks", SWITCH).axes[0].lines[0].get_xydata()
+def curve_of_an_experiment(_):
+    task = {"name": "dmc/cheetah_run"}
+    sizes = {"total_steps": SWITCH, "num_envs": 1, "rollout_length": SWITCH}
+    algo = {"name": "ppo", "minibatch_size": 100}
+    config = RunConfig(algo=algo, env=task, second_env=task, **sizes)
+    assert config.switch_at == SWITCH
+    metrics = transfer() | {"episodes": np.ones((1, N))}
+    cell = Cell(summarize(config, metrics), curves_of(config, metrics))
+    return figure({"task": {"ppo": cell}}).axes[0].lines[0].get_xydata()
 
 
 def curve_of_the_page(_):
@@ -142,7 +148,7 @@ def curve_of_figure_8(_):
     "curve",
     [
         curve_of_seeds,
-        curve_of_a_comparison,
+        curve_of_an_experiment,
         curve_of_the_page,
         curve_of_figure_6,
         curve_of_figure_8,

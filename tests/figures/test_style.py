@@ -7,18 +7,18 @@ import pytest
 from matplotlib.colors import to_hex, to_rgb
 
 from hitmdp_jax.agents import AGENTS
-from hitmdp_jax.cli import suites
-from hitmdp_jax.experiments.comparison import comparison_figure
+from hitmdp_jax.cli.published import read_cells
+from hitmdp_jax.experiments import experiment
 from hitmdp_jax.experiments.results_figure import figure
-from hitmdp_jax.experiments.sweeps import SettingResult, sweep_figure
+from hitmdp_jax.experiments.results_page import shown as shown_of
+from hitmdp_jax.experiments.sweeps import sweep_figure
 from hitmdp_jax.figures import scores
 from hitmdp_jax.figures.curves import learning_curve
 from hitmdp_jax.figures.style import ALGORITHMS, OWN, PALETTE, option_color, shades, styles
+from hitmdp_jax.interpret.summary import Summary
 from hitmdp_jax.report.interactive import learning_curves
-from hitmdp_jax.runs import folder
-from hitmdp_jax.runs.sinks import CsvSink
+from hitmdp_jax.runs.config import RunConfig
 from tests.cli.conftest import CHECKOUT
-from tests.probes import trainings
 
 # What is seen without the green, or the red, cones: Machado et al. (2009), of linear RGB.
 VISIONS = {
@@ -113,25 +113,21 @@ def test_an_arm_looks_the_same_whatever_stands_beside_it():
         assert styles({"other": algorithm, arm: algorithm})[arm] == together[arm]
 
 
-def test_ppo_has_its_colour_in_every_picture(tmp_path):
-    """In a comparison, alone, in a sweep, in published tables and on pages."""
+def test_ppo_has_its_colour_in_every_picture():
+    """Alone, in a sweep, in published tables and on pages."""
     wanted = {ALGORITHMS["ppo"]}
-    for name in ("mopg", "ppo"):
-        sink = CsvSink(folder.made(tmp_path / name), trainings())
-        sink.write(1, 2048, {"episode_return": np.array([1.0, 2.0]), "episodes": np.ones(2)})
-        sink.close()
-    runs = {name: tmp_path / name for name in ("mopg", "ppo")}
-    (axes,) = comparison_figure(runs, "tasks").axes
-    assert {line.get_color() for line in axes.lines if line.get_label() == "ppo"} == wanted
     steps = np.tile(2048.0 * np.arange(1, 31), (2, 1))
     metrics = {"env_steps": steps, "episode_return": steps, "seed": np.array([[0.0], [1.0]])}
     (axes,) = learning_curve(metrics, "a run", "ppo").axes
     assert {line.get_color() for line in axes.lines} == wanted
-    result = SettingResult(0, {"algo.gamma": 0.9}, np.array([1.0, 2.0]), "all steps")
-    (axes,) = sweep_figure([result], "a sweep", "ppo").axes
+    columns = {"env_steps": np.ones(2), "last_100k_steps": np.array([1.0, 2.0])}
+    setting = Summary(RunConfig(algo={"name": "ppo"}), columns)
+    (axes,) = sweep_figure({"gamma=0.9": setting}, "a sweep", "ppo").axes
     assert {line.get_color() for line in axes.lines} == wanted
     for name in ("table1", "options"):
-        drawn = figure(suites.read(name), CHECKOUT / "results")
+        read = experiment.read(name)
+        drawn = figure(shown_of(read, read_cells(CHECKOUT / "results", read.tasks)))
+        assert drawn is not None
         lines = [line for axes in drawn.axes for line in axes.lines]
         lines = [line for line in lines if line.get_label() in ("ppo", "ppo-held")]
         assert {to_hex(line.get_color()) for line in lines} == wanted

@@ -11,7 +11,7 @@ from plotly.offline import get_plotlyjs
 from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.experiments.comparison_page import comparison_page
+from hitmdp_jax.experiments.pages import comparison_page
 from hitmdp_jax.figures.embeddings import limit_of_changes
 from hitmdp_jax.report.interactive import explorer
 from hitmdp_jax.report.page import drawing

@@ -4,11 +4,11 @@ import multiprocessing
 import os
 from pathlib import Path
 
-import jax.numpy as jnp
 import pytest
 
+from hitmdp_jax.agents import PPO
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.runs.checkpoint import Checkpoints
+from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
 from hitmdp_jax.runs.claim import (
     already_there,
     claim,
@@ -18,7 +18,7 @@ from hitmdp_jax.runs.claim import (
     newest,
 )
 from hitmdp_jax.runs.config import RunConfig
-from tests.probes import spec_of_sizes
+from tests.probes import untrained
 
 CONFIG = RunConfig(algo={"name": "ppo"}, env={"name": "halfcheetah"}, total_steps=4096)
 
@@ -111,7 +111,7 @@ def test_another_runs_folder_is_not_taken_for_ones_own(tmp_path):
     assert not is_finished(tmp_path, CONFIG.schedule)
     for iteration, finished in ((1, False), (2, True)):
         checkpoints = Checkpoints(tmp_path)
-        checkpoints.save_policy(iteration, 0, {"mean": jnp.zeros((1, 3))}, spec_of_sizes(3, 1))
+        checkpoints.save(Progress(iteration, 0, untrained(PPO(hidden_sizes=(2,)), 1)))
         checkpoints.close()
         assert is_finished(tmp_path, CONFIG.schedule) == finished
     (tmp_path / "checkpoints" / "2" / "progress" / "metadata").write_text("")

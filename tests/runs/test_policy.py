@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,14 +5,14 @@ import pytest
 import yaml
 
 import hitmdp_jax
-from hitmdp_jax.agents import MOPG, PPO
+from hitmdp_jax.agents import AGENTS, MOPG, PPO
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.rollout import RolloutState, collect
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
 from hitmdp_jax.runs.policy import Policy, load_all
 from hitmdp_jax.runs.saving import extract
-from tests.probes import Target
+from tests.probes import Target, untrained
 
 SIZES = {"num_steps": 128, "num_envs": 8, "rollout_length": 16}
 AGENT = MOPG(num_epochs=1, num_options=3, learning_rate=1e-3)
@@ -111,11 +109,11 @@ def test_the_best_checkpoint_is_the_one_of_the_highest_return(states, tmp_path):
         seen = states.normalizer.replace(mean=states.normalizer.mean + i)
         checkpoints.save(Progress(i, 0, states.replace(normalizer=seen)), recent_return)
     checkpoints.close()
-    extract(run_dir, tmp_path / "one", checkpoint="best")
+    extract(run_dir, tmp_path / "one.policy", checkpoint="best")
     for policy in (
         hitmdp_jax.load(run_dir, checkpoint="best"),
-        hitmdp_jax.load(tmp_path / "one"),
-        hitmdp_jax.load(tmp_path / "one", checkpoint="best", task=0),
+        hitmdp_jax.load(tmp_path / "one.policy"),
+        hitmdp_jax.load(tmp_path / "one.policy", checkpoint="best", task=0),
     ):
         np.testing.assert_array_equal(policy.normalizer.mean, states.normalizer.mean[0] + 3)
 
@@ -169,15 +167,37 @@ def test_an_agent_with_traced_hyperparameters_is_saved_with_its_numbers(states, 
 
 
 def test_a_policy_is_copied_out_of_a_run(saved, tmp_path):
-    extract(saved, tmp_path / "one", seed=1)
-    policy, original = hitmdp_jax.load(tmp_path / "one"), hitmdp_jax.load(saved, seed=1)
+    path = tmp_path / "one.policy"
+    extract(saved, path, seed=1)
+    policy, original = hitmdp_jax.load(path), hitmdp_jax.load(saved, seed=1)
     jax.tree.map(np.testing.assert_array_equal, policy, original)
-    size = sum(path.stat().st_size for path in (tmp_path / "one").rglob("*") if path.is_file())
-    assert size < 2 * 2**20
-    with pytest.raises(UsageError, match="holds a run already"):
-        extract(saved, tmp_path / "one")
+    assert path.stat().st_size < 2**20
+    for wrong in ({"seed": 0}, {"checkpoint": 7}):
+        with pytest.raises(UsageError, match=r"seed = 0 is not in|holds no checkpoint 7; it holds"):
+            hitmdp_jax.load(path, **wrong)
     with pytest.raises(UsageError, match="seed = 5 is not in the run"):
-        extract(saved, tmp_path / "two", seed=5)
+        extract(saved, path, seed=5)
+    with pytest.raises(UsageError, match=r"must end with .policy"):
+        extract(saved, tmp_path / "two")
+
+
+@pytest.mark.parametrize("agent", [kind(hidden_sizes=(8,)) for kind in AGENTS.values()])
+def test_every_algorithms_policy_goes_through_a_file(agent, tmp_path):
+    hitmdp_jax.save(tmp_path / "run", agent, untrained(agent, 2))
+    extract(tmp_path / "run", tmp_path / "x.policy", seed=1)
+    one, original = hitmdp_jax.load(tmp_path / "x.policy"), hitmdp_jax.load(tmp_path / "run", 1)
+    jax.tree.map(np.testing.assert_array_equal, one, original)
+
+
+def test_a_changed_bit_of_a_policys_file_is_noticed(saved, tmp_path):
+    path = tmp_path / "one.policy"
+    extract(saved, path)
+    whole = path.read_bytes()
+    for place in np.random.default_rng(0).integers(len(whole), size=50):
+        changed = bytes([whole[place] ^ 1])
+        path.write_bytes(whole[:place] + changed + whole[place + 1 :])
+        with pytest.raises(UsageError, match="cannot be read"):
+            hitmdp_jax.load(path)
 
 
 def test_a_policy_says_its_options_and_what_it_expects(saved):
@@ -187,10 +207,3 @@ def test_a_policy_says_its_options_and_what_it_expects(saved):
     assert probs.sum() == pytest.approx(1.0)
     every = [policy.agent.q(policy.params, policy.normalized(obs), jnp.int32(k)) for k in range(3)]
     assert value == pytest.approx(float(probs @ jnp.stack(every)), rel=1e-4, abs=1e-6)
-
-
-def test_every_published_policy_says_what_it_observes():
-    published = sorted(Path(__file__).parents[2].glob("results/*/*/policy"))
-    assert published
-    for run_dir in published:
-        assert Checkpoints(run_dir, read_only=True).restore_policy()[2] is not None

@@ -3,7 +3,7 @@ import csv
 import numpy as np
 import pytest
 
-from hitmdp_jax.figures.curves import read_metrics
+from hitmdp_jax.runs.metrics import read_metrics
 from hitmdp_jax.runs.sinks import CsvSink
 from hitmdp_jax.training.sweep import Training
 from tests.probes import trainings
