@@ -21,7 +21,7 @@ Other settings are those of train.py, for every run: `compare env=hopper arms=mo
 `compare experiment=transfer pair=cheetah`, `embedding seed=200 seeds=8`.
 """
 
-from hitmdp_jax.cli.guard import dispatched
+from hitmdp_jax.cli.guard import dispatched, work_of
 from hitmdp_jax.experiments.experiment import names, read
 
 TELLERS = ("results", "curves")  # what takes the place of an experiment's name
@@ -40,6 +40,4 @@ def _usage() -> str:
 def _run(name: str, arguments: list[str]) -> int:
     if name not in TELLERS:
         read(name)  # a name that there is not needs no imports of what trains
-    from hitmdp_jax.cli.cells import run
-
-    return run(name, arguments)
+    return work_of("cells").run(name, arguments)
