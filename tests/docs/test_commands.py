@@ -7,12 +7,14 @@ import pytest
 
 from hitmdp_jax.agents import AGENTS
 from hitmdp_jax.agents.base import hyperparameters_of
-from hitmdp_jax.cli import flags
+from hitmdp_jax.cli import experiment, flags
+from hitmdp_jax.cli.arms import named
 from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.envs import check_env
 from hitmdp_jax.envs.keywords import parameters_of
 from hitmdp_jax.envs.suites import suite_names
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.experiments import experiment as catalogue
 from tests.docs.pages import ROOT, commands, pages, spans
 from tests.docs.test_extending import FILES
 
@@ -24,13 +26,13 @@ TRAININGS = [
     for command in COMMANDS
     if command.startswith("python train.py")
 ]
-OF_RUNS = [
-    words
+OTHER = [
+    re.sub(r"^python -m hitmdp_jax|^hitmdp|#.*", "", command).split()
     for command in COMMANDS
-    if (words := re.sub(r"^python -m hitmdp_jax|^hitmdp", "", command).split("#")[0].split())
-    and words[0] in flags.COMMANDS
-    and len(words) > 1
+    if not command.startswith("python train.py")
 ]
+OF_RUNS = [words for words in OTHER if len(words) > 1 and words[0] in flags.COMMANDS]
+EXPERIMENTS = [words[1:] for words in OTHER if len(words) > 1 and words[0] == "experiment"]
 NAMES = {f"algo.{x.name}" for agent in AGENTS.values() for x in hyperparameters_of(agent)}
 # What has the form of a setting and is one of Python's, of another command or of another program.
 OTHERS = {"checkpoint", "task", "tasks", "arms", "results", "page", "embeddings"}
@@ -75,7 +77,22 @@ def test_a_command_of_the_manual_about_runs_is_understood(words, monkeypatch):
     assert all(run_dir.name for run_dir in arguments.run_dirs)
 
 
+@pytest.mark.parametrize("words", EXPERIMENTS, ids=" ".join)
+def test_an_experiment_of_the_manual_is_understood(words):
+    name, *arguments = words
+    if name in ("NAME", "path/to/own.yaml", *experiment.TELLERS):
+        return
+    given = named(arguments)
+    settings = [text for text in arguments if text.split("=")[0] not in experiment.OWN]
+    chosen = experiment._chosen(catalogue.read(name), given, settings)
+    assert set(given.get("tasks", "").split(",")) - {""} <= set(chosen.tasks)
+    assert set(given.get("arms", "").split(",")) - {""} <= set(chosen.arms)
+    task, arm = next(iter(chosen.tasks)), next(iter(chosen.arms))
+    Settings(chosen.settings_of(task, arm, settings)).config()
+
+
 def test_the_manual_has_commands_of_every_kind():
+    assert len(EXPERIMENTS) > 10
     assert len(TRAININGS) > 30
     assert {name for name, *_ in OF_RUNS} == set(flags.COMMANDS)
 
