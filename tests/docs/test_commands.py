@@ -7,7 +7,7 @@ import pytest
 
 from hitmdp_jax.agents import AGENTS
 from hitmdp_jax.agents.base import hyperparameters_of
-from hitmdp_jax.cli import experiment, flags
+from hitmdp_jax.cli import cells, flags
 from hitmdp_jax.cli.arms import named
 from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.envs import check_env
@@ -80,11 +80,11 @@ def test_a_command_of_the_manual_about_runs_is_understood(words, monkeypatch):
 @pytest.mark.parametrize("words", EXPERIMENTS, ids=" ".join)
 def test_an_experiment_of_the_manual_is_understood(words):
     name, *arguments = words
-    if name in ("NAME", "path/to/own.yaml", *experiment.TELLERS):
+    if name in ("NAME", "path/to/own.yaml", *cells.TELLERS):
         return
     given = named(arguments)
-    settings = [text for text in arguments if text.split("=")[0] not in experiment.OWN]
-    chosen = experiment._chosen(catalogue.read(name), given, settings)
+    settings = [text for text in arguments if text.split("=")[0] not in cells.OWN]
+    chosen = cells._chosen(catalogue.read(name), given, settings)
     assert set(given.get("tasks", "").split(",")) - {""} <= set(chosen.tasks)
     assert set(given.get("arms", "").split(",")) - {""} <= set(chosen.arms)
     task, arm = next(iter(chosen.tasks)), next(iter(chosen.arms))
