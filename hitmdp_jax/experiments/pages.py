@@ -11,9 +11,10 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.experiments.published import Cell
 from hitmdp_jax.figures import scores
 from hitmdp_jax.figures.style import Style, styles
+from hitmdp_jax.interpret.comparison import table
 from hitmdp_jax.interpret.returns import length_warning, one_window
 from hitmdp_jax.interpret.statistics import bootstrap_interval, interquartile_mean
-from hitmdp_jax.interpret.summary import Summary, summarize, table
+from hitmdp_jax.interpret.summary import Summary, summarize
 from hitmdp_jax.report.interactive import chart, learning_curves
 from hitmdp_jax.report.page import Parts, drawing, page, preformatted, text
 from hitmdp_jax.report.page import table as html_table

@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from hitmdp_jax.experiments.experiment import Experiment
 from hitmdp_jax.experiments.published import BOTH, Cell, Cells
 from hitmdp_jax.experiments.tables import Rows, markdown
+from hitmdp_jax.interpret.comparison import table
 from hitmdp_jax.interpret.statistics import mean_improvement, with_interval
-from hitmdp_jax.interpret.summary import EPISODES, Summary, table
+from hitmdp_jax.interpret.summary import EPISODES, Summary
 from hitmdp_jax.training.sweep import PREFIX
 
 INTRODUCTION = f"""# What was measured

@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 from hitmdp_jax.experiments import tables
 from hitmdp_jax.figures.curves import FAINT, draw_figures, save
 from hitmdp_jax.figures.style import color, plain
+from hitmdp_jax.interpret.comparison import sweep_table
 from hitmdp_jax.interpret.returns import INTERVAL
 from hitmdp_jax.interpret.statistics import bootstrap_interval, interquartile_mean
-from hitmdp_jax.interpret.summary import Summary, rank, sweep_table
+from hitmdp_jax.interpret.summary import Summary, rank
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import FIGURES, SWEEP
 from hitmdp_jax.runs.metrics import read_metrics

@@ -19,11 +19,12 @@ from hitmdp_jax.figures import registry
 from hitmdp_jax.figures.registry import Needs, RunMetrics
 from hitmdp_jax.figures.style import styles
 from hitmdp_jax.interpret import interventions
+from hitmdp_jax.interpret.comparison import sweep_table
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.interpret.perturbation import sentences
 from hitmdp_jax.interpret.returns import final_returns, headline, median_speed
 from hitmdp_jax.interpret.statistics import number_text, rounding
-from hitmdp_jax.interpret.summary import rank, sweep_table
+from hitmdp_jax.interpret.summary import rank
 from hitmdp_jax.report.interactive import chart, explorer, learning_curves
 from hitmdp_jax.report.page import Parts, drawing, heading, page, preformatted, table, text
 from hitmdp_jax.runs.config import RunConfig

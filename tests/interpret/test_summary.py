@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from hitmdp_jax.interpret.summary import Summary, columns_of, rank, summarize, sweep_table, table
+from hitmdp_jax.interpret.comparison import sweep_table, table
+from hitmdp_jax.interpret.summary import Summary, columns_of, rank, summarize
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.metrics import by_setting
 from tests.interpret.reports import made_up
