@@ -2,31 +2,44 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from hitmdp_jax.errors import unknown_name
+
 EPISODE_LENGTH = 1000  # control steps: the time limit of tasks that state none
 
 
 @dataclasses.dataclass(frozen=True)
 class Observation:
-    """One array, which policies read as a row of numbers.
+    """One array, or several by name, which policies read as one row of numbers.
 
     Attributes:
-      shape: as the task gives it; several axes are flattened for the policy.
-      dtype: as the task gives it.
+      shape: as the task gives it; several axes are flattened for the policy. Of several arrays it
+        is [O], the row's.
+      dtype: as the task gives it; of several arrays, the one that holds them all.
       names: of the O entries of the row; numbers where none are given.
+      parts: the name and the shape of each part of the row, in its order; the whole is one part,
+        "obs", where none are given.
     """
 
     shape: tuple[int, ...]
     dtype: str = "float32"
     names: tuple[str, ...] = ()
+    parts: tuple[tuple[str, tuple[int, ...]], ...] = ()
 
     def __post_init__(self) -> None:
-        _name(self, "obs", self.shape)
+        if not self.parts:
+            object.__setattr__(self, "parts", (("obs", self.shape),))
+        if not self.names:
+            numbered = (
+                f"{part}{list(place)}" for part, shape in self.parts for place in np.ndindex(*shape)
+            )
+            object.__setattr__(self, "names", tuple(numbered))
 
     def __str__(self) -> str:
         return f"arrays {list(self.shape)}"
@@ -37,10 +50,39 @@ class Observation:
         return math.prod(self.shape)
 
     def flat(self, obs: Any) -> Any:
-        """Return observations [..., *shape] as rows [..., O]."""
-        if len(self.shape) == 1:
-            return obs
-        return jnp.reshape(obs, (*np.shape(obs)[: np.ndim(obs) - len(self.shape)], self.size))
+        """Return observations, an array [..., *shape] or several by name, as rows [..., O]."""
+        if isinstance(obs, Mapping):
+            rows = [_row(obs[part], shape) for part, shape in self.parts]
+            return jnp.concatenate(rows, axis=-1)
+        return _row(obs, self.shape)
+
+    def entries_of(self, parts: Sequence[str]) -> np.ndarray:
+        """Return where in the row the named parts are, as indices in the row's order.
+
+        Raises:
+          UsageError: there is no part of that name.
+        """
+        known = [part for part, _ in self.parts]
+        if unknown := [part for part in parts if part not in known]:
+            raise unknown_name("part of the observation", unknown[0], known)
+        owners = np.repeat(known, [math.prod(shape) for _, shape in self.parts])
+        return np.flatnonzero(np.isin(owners, list(parts)))
+
+
+def observation_of(obs: Any) -> Observation:
+    """Return what an observation is, a shape or several by name, as `jax.eval_shape` gives it."""
+    if not isinstance(obs, Mapping):
+        return Observation(tuple(obs.shape), obs.dtype.name)
+    parts = tuple((name, tuple(obs[name].shape)) for name in sorted(obs))
+    size = sum(math.prod(shape) for _, shape in parts)
+    return Observation((size,), jnp.result_type(*obs.values()).name, parts=parts)
+
+
+def _row(obs: Any, shape: tuple[int, ...]) -> Any:
+    """Return arrays [..., *shape] as rows [..., O]."""
+    if len(shape) == 1:
+        return obs
+    return jnp.reshape(obs, (*np.shape(obs)[: np.ndim(obs) - len(shape)], math.prod(shape)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -191,7 +233,7 @@ def spec_of(env: Any) -> Spec:
     obs: Any = jax.eval_shape(env.reset, jax.random.key(0)).obs
     dt = getattr(env, "dt", None)
     return Spec(
-        Observation(obs.shape, obs.dtype.name),
+        observation_of(obs),
         Box.unlimited(int(env.action_size)),
         getattr(env, "episode_length", EPISODE_LENGTH),
         None if dt is None else float(dt),
@@ -205,5 +247,10 @@ def _name(part: Any, word: str, shape: tuple[int, ...]) -> None:
         object.__setattr__(part, "names", numbered)
 
 
-def _with_tuples(known: dict[str, Any]) -> dict[str, Any]:
-    return {name: tuple(x) if isinstance(x, list) else x for name, x in known.items()}
+def _with_tuples(known: Any) -> Any:
+    """Return what JSON holds, with tuples for its lists."""
+    if isinstance(known, list):
+        return tuple(map(_with_tuples, known))
+    if isinstance(known, dict):
+        return {name: _with_tuples(x) for name, x in known.items()}
+    return known

@@ -136,7 +136,15 @@ class VectorEnv:
 
     def _fresh(self, key: jax.Array) -> State:
         def resets(keys: jax.Array) -> State:
-            return jax.lax.map(self.env.reset, keys, batch_size=min(RESET_CHUNK, len(keys)))
+            # Not by `lax.map`'s own `batch_size`, which fails on arrays without entries.
+            chunk = min(RESET_CHUNK, len(keys))
+            whole, reset = len(keys) // chunk, jax.vmap(self.env.reset)
+            chunks = jax.lax.map(reset, keys[: whole * chunk].reshape(whole, chunk))
+            states = jax.tree.map(lambda x: x.reshape(whole * chunk, *x.shape[2:]), chunks)
+            if whole * chunk == len(keys):
+                return states
+            rest = reset(keys[whole * chunk :])
+            return jax.tree.map(lambda x, y: jnp.concatenate([x, y]), states, rest)
 
         pool = each_device(resets, jax.random.split(key, self.pool_size))
         return on_every_device(pool)  # any environment may restart from any of it

@@ -13,6 +13,10 @@ SUITES = (  # modules of this package, each with a `SUITE`
     "maze",
     "toy",
     "brax",
+    "gymnax",
+    "xminigrid",
+    "craftax",
+    "playground",
 )
 
 

@@ -2,9 +2,11 @@
 
 import dataclasses
 import importlib.util
+import inspect
 import pkgutil
+import types
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from hitmdp_jax.errors import UsageError, missing_extra, unknown_name
 
@@ -14,6 +16,7 @@ if TYPE_CHECKING:  # names are listed without JAX, Brax and MuJoCo, which take s
     from hitmdp_jax.physics import PhysicsChoice
 
 VERSIONS = ("v4", "v5")
+WRITTEN = (bool, int, float, str, tuple, types.NoneType)  # defaults that a setting can hold
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,7 +24,7 @@ class Suite:
     """A family of tasks.
 
     A suite is one file, or one folder, here: it holds a `SUITE` and has its line in `SUITES`. The
-    tasks of another library are a subclass with `names` and `constructor` of its own.
+    tasks of another library are a `LibrarySuite`.
 
     How an episode ends: `done` means that the task ended it, and `VectorEnv` applies the time limit
     `episode_length`. An environment that ends itself by time must say so in
@@ -61,15 +64,19 @@ class Suite:
         Raises:
           UsageError: the name, the version or a keyword is unknown, or a value is not valid.
         """
-        if name not in self.names():
-            raise unknown_name("environment", name, self.names())
-        if not isinstance(version, str) or version not in VERSIONS:
-            raise unknown_name("version", str(version), VERSIONS)
+        self.check_name(name, version)
         from hitmdp_jax.envs.keywords import check_keywords
 
         task = self.constructor(name)
         check_keywords(name, task, keywords)
         return task
+
+    def check_name(self, name: str, version: str) -> None:
+        """Check a task's full name and version; raises as `check`."""
+        if name not in self.names():
+            raise unknown_name("environment", name, self.names())
+        if not isinstance(version, str) or version not in VERSIONS:
+            raise unknown_name("version", str(version), VERSIONS)
 
     def check_engine(self, name: str, physics: "PhysicsChoice") -> None:
         """Reject an engine where a task brings its own physics.
@@ -82,13 +89,18 @@ class Suite:
         if find_engine(physics).name != DEFAULT_ENGINE and self.own_physics:
             raise UsageError(f"{name} brings its own physics: physics must stay at its default.")
 
+    @property
+    def installed(self) -> bool:
+        """Whether the package that its tasks need is there."""
+        return self.package is None or importlib.util.find_spec(self.package) is not None
+
     def check_installed(self) -> None:
         """Check that what its tasks need is installed.
 
         Raises:
           UsageError: it is not.
         """
-        if self.package is not None and importlib.util.find_spec(self.package) is None:
+        if not self.installed:
             raise missing_extra(self.extra, f"A task of {self.prefix.rstrip('/')}")
 
     def make(
@@ -103,6 +115,44 @@ class Suite:
         self.check_engine(name, physics)
         self.check_installed()
         return construct(task, physics, version, keywords)
+
+
+class LibrarySuite(Suite):
+    """The tasks of another library.
+
+    In `tasks` stands with each name a function that returns the constructor of the task of that
+    name, and that may import the library. Where the library is not installed the settings of a run
+    can still be read, though their keywords are not checked.
+    """
+
+    def constructor(self, name: str) -> "Callable[..., Env]":
+        """Return what makes the task of that full name, one of `names()`."""
+        find: Callable[[str], Callable[..., Env]] = super().constructor(name)  # pyright: ignore
+        return find(name.removeprefix(self.prefix))
+
+    def check(self, name: str, version: str = "v5", **keywords: Any) -> "Callable[..., Env]":
+        """Return a task's constructor, having checked what can be, as `Suite.check`."""
+        if self.installed:
+            return super().check(name, version, **keywords)
+        self.check_name(name, version)
+        return self._missing
+
+    def _missing(self, **keywords: Any) -> NoReturn:
+        raise missing_extra(self.extra, f"A task of {self.prefix.rstrip('/')}")
+
+
+def with_keywords(make: "Callable[..., Env]", defaults: Mapping[str, Any]) -> "Callable[..., Env]":
+    """Let a function that takes any keywords say which: those with a default that can be written.
+
+    Args:
+      make: the function, such as a `functools.partial`.
+      defaults: keyword -> its default.
+    """
+    kind = inspect.Parameter.KEYWORD_ONLY
+    written = {name: x for name, x in defaults.items() if isinstance(x, WRITTEN)}
+    parameters = [inspect.Parameter(name, kind, default=x) for name, x in written.items()]
+    vars(make)["__signature__"] = inspect.Signature(parameters)
+    return make
 
 
 def construct(

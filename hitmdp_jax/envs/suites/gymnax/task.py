@@ -1,0 +1,124 @@
+"""A task of gymnax's interface, behind Brax's."""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax.envs.base import Env, State
+
+from hitmdp_jax.envs.keywords import defaults_of
+from hitmdp_jax.envs.spec import Action, Box, Discrete, Observation, Spec
+from hitmdp_jax.envs.suites.base import with_keywords
+
+
+class KeyedTask(Env):
+    """A task of gymnax's interface behind Brax's, one episode at a time.
+
+    The library's own restart at the end of an episode is not used: this calls `reset_env` and
+    `step_env`. The randomness of a step comes from a key in `state.info`. An observation that is
+    one of n symbols becomes a row of n numbers, one of them 1.
+
+    Args:
+      task: the library's task.
+      params: its parameters.
+      episode_length: the time limit in steps.
+      action_names: of discrete actions; numbers where the library gives none.
+    """
+
+    backend = "none"  # pyright: ignore[reportAssignmentType]
+
+    def __init__(
+        self, task: Any, params: Any, episode_length: int, action_names: tuple[str, ...] = ()
+    ):
+        self.task, self.params = task, params
+        self._symbols = getattr(task.observation_space(params), "n", None)
+        obs: Any = jax.eval_shape(lambda key: self.start(key)[0], jax.random.key(0))
+        observation = Observation(obs.shape, obs.dtype.name)
+        self.spec = Spec(
+            observation, action_of(task.action_space(params), action_names), episode_length
+        )
+
+    @property
+    def observation_size(self) -> int:
+        """The number of entries of an observation."""
+        return self.spec.observation.size
+
+    @property
+    def action_size(self) -> int:
+        """The number of choices, or of numbers in an action."""
+        return self.spec.action.size
+
+    def reset(self, rng: jax.Array) -> State:
+        """Start an episode."""
+        key, key_start = jax.random.split(rng)
+        obs, state = self.start(key_start)
+        zero = jnp.zeros((), jnp.float32)
+        metrics = jax.tree.map(jnp.zeros_like, self.metrics(state, state))
+        return State(state, obs, zero, zero, metrics, {"key": key, "truncation": zero})
+
+    def step(self, state: State, action: jax.Array) -> State:
+        """Advance one step under a choice [] or numbers [A]."""
+        key, key_step = jax.random.split(state.info["key"])
+        before = state.pipeline_state
+        obs, after, reward, terminated, _ = self.task.step_env(
+            key_step, before, self.spec.action.clip(action), self.params
+        )
+        terminated = jnp.asarray(terminated, bool)
+        truncated = self.truncated(after) & ~terminated
+        return state.replace(  # pyright: ignore[reportAttributeAccessIssue]
+            pipeline_state=after,
+            obs=self._row(obs),
+            reward=jnp.asarray(reward, jnp.float32),
+            done=(terminated | truncated).astype(jnp.float32),
+            metrics=state.metrics | self.metrics(before, after),
+            info=state.info | {"key": key, "truncation": truncated.astype(jnp.float32)},
+        )
+
+    def start(self, key: jax.Array) -> tuple[jax.Array, Any]:
+        """Return the first observation and the library's first state."""
+        obs, state = self.task.reset_env(key, self.params)
+        return self._row(obs), state
+
+    def truncated(self, state: Any) -> jax.Array:
+        """Return whether the library's time limit has been reached."""
+        return jnp.asarray(self.task.is_truncated(state, self.params), bool)
+
+    def metrics(self, before: Any, after: Any) -> dict[str, jax.Array]:
+        """Return what a step between two of the library's states adds to the report."""
+        return {}
+
+    def _row(self, obs: Any) -> jax.Array:
+        return jnp.asarray(obs) if self._symbols is None else jax.nn.one_hot(obs, self._symbols)
+
+
+def action_of(space: Any, names: tuple[str, ...] = ()) -> Action:
+    """Return our word for a library's action space, `Discrete` or `Box` by its attributes."""
+    if hasattr(space, "n"):
+        return Discrete(int(space.n), names)
+    low, high = (np.broadcast_to(x, space.shape).ravel() for x in (space.low, space.high))
+    return Box(tuple(low.tolist()), tuple(high.tolist()))
+
+
+def constructor(name: str) -> Callable[..., Env]:
+    """Return a function that makes a task, and whose signature lists its keywords.
+
+    They are those of the task's class and the fields of its parameters, such as `fail_prob` of the
+    four rooms.
+    """
+    from gymnax import make
+
+    task, params = make(name)
+    own = defaults_of(type(task))
+    return with_keywords(functools.partial(_made, name, tuple(own)), own | vars(params))
+
+
+def _made(name: str, own: tuple[str, ...], **keywords: Any) -> Env:
+    """Make a task; its class takes the keywords `own`, its parameters the others."""
+    from gymnax import make
+
+    task, params = make(name, **{key: x for key, x in keywords.items() if key in own})
+    params = params.replace(**{key: x for key, x in keywords.items() if key not in own})
+    return KeyedTask(task, params, int(params.max_steps_in_episode))

@@ -1,0 +1,81 @@
+"""A task of XLand-MiniGrid, behind Brax's interface."""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from brax.envs.base import Env, State
+
+from hitmdp_jax.envs.spec import Discrete, Observation, Spec
+
+ACTIONS = ("forward", "turn right", "turn left", "pick up", "put down", "toggle")
+
+
+class MiniGridTask(Env):
+    """A grid that is seen as the agent sees it, behind Brax's interface.
+
+    The observation [V, V, tiles + colours] is one-hot: of each square in view its tile, then its
+    colour. The reward is 1 - 0.9 t / limit at the goal, which ends the episode, and 0 before.
+
+    Args:
+      name: the library's name of the task.
+      view_size: V, squares in view on a side; odd.
+      max_steps: the time limit in steps; None takes the task's own.
+    """
+
+    backend = "none"  # pyright: ignore[reportAssignmentType]
+
+    def __init__(self, name: str, view_size: int = 7, max_steps: int | None = None):
+        import xminigrid
+        from xminigrid.core.constants import NUM_COLORS, NUM_TILES
+
+        self.task, params = xminigrid.make(name)
+        self.params = params.replace(view_size=view_size, max_steps=max_steps or params.max_steps)
+        self._kinds = NUM_TILES, NUM_COLORS
+        observation = Observation((view_size, view_size, sum(self._kinds)))
+        self.spec = Spec(observation, Discrete(len(ACTIONS), ACTIONS), self.params.max_steps)
+
+    @property
+    def observation_size(self) -> int:
+        """The number of entries of an observation."""
+        return self.spec.observation.size
+
+    @property
+    def action_size(self) -> int:
+        """The number of choices."""
+        return self.spec.action.size
+
+    def reset(self, rng: jax.Array) -> State:
+        """Start an episode."""
+        first = self.task.reset(self.params, rng)
+        zero = jnp.zeros((), jnp.float32)
+        info = {"truncation": zero}
+        return State(first, self._observation(first), zero, zero, {"success": zero}, info)
+
+    def step(self, state: State, action: jax.Array) -> State:
+        """Advance one step under one of `ACTIONS`."""
+        now = self.task.step(self.params, state.pipeline_state, action)
+        reached = (now.discount == 0.0).astype(jnp.float32)
+        ended = now.last().astype(jnp.float32)
+        return state.replace(  # pyright: ignore[reportAttributeAccessIssue]
+            pipeline_state=now,
+            obs=self._observation(now),
+            reward=jnp.asarray(now.reward, jnp.float32),
+            done=ended,
+            metrics=state.metrics | {"success": reached},
+            info=state.info | {"truncation": ended * (1.0 - reached)},
+        )
+
+    def _observation(self, now: Any) -> jax.Array:
+        tiles, colours = (
+            jax.nn.one_hot(now.observation[..., layer], kinds)
+            for layer, kinds in enumerate(self._kinds)
+        )
+        return jnp.concatenate([tiles, colours], axis=-1)
+
+
+def constructor(name: str) -> Callable[..., Env]:
+    """Return a function that makes a task."""
+    return functools.partial(MiniGridTask, name)
