@@ -81,7 +81,7 @@ def test_a_value_outside_its_domain_is_named_with_what_is_valid():
 
 
 def test_a_missing_extra_says_how_to_install_it():
-    assert "pip install -e '.[warp]'" in str(missing_extra("warp", "physics=warp"))
+    assert "pip install 'hitmdp-jax[warp]'" in str(missing_extra("warp", "physics=warp"))
 
 
 TRICKS = [

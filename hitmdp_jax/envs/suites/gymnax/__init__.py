@@ -2,6 +2,7 @@
 
 from hitmdp_jax.envs.suites.base import LibrarySuite
 
+# Not MNISTBandit-bsuite, which fetches its pictures from the network.
 NAMES = (
     "CartPole-v1",
     "Pendulum-v1",
@@ -18,7 +19,6 @@ NAMES = (
     "MemoryChain-bsuite",
     "UmbrellaChain-bsuite",
     "DiscountingChain-bsuite",
-    "MNISTBandit-bsuite",
     "SimpleBandit-bsuite",
     "FourRooms-misc",
     "MetaMaze-misc",
