@@ -97,5 +97,6 @@ def out_of_domain(name: str, value: object, wanted: str) -> UsageError:
 def missing_extra(extra: str, needed_for: str) -> UsageError:
     """Return the error for an optional dependency that is not installed."""
     return UsageError(
-        f"{needed_for} needs the extra '{extra}': install it with pip install 'hitmdp-jax[{extra}]'."
+        f"{needed_for} needs the extra '{extra}': install it with "
+        f"pip install 'hitmdp-jax[{extra}]'."
     )

@@ -5,6 +5,7 @@ import math
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import orbax.checkpoint as ocp
 
@@ -49,8 +50,17 @@ def policy_of(state: TrainState) -> dict[str, Any]:
 
 
 def with_raw_keys(state: TrainState) -> TrainState:
-    """Return a state whose key is its raw numbers, as a checkpoint holds it."""
-    return state.replace(key=jax.random.key_data(state.key))
+    """Return a state whose keys are raw numbers, as a checkpoint holds them: a task's own, too."""
+    return jax.tree.map(lambda x: jax.random.key_data(x) if _is_key(x) else x, state)
+
+
+def with_keys(raw: TrainState, like: TrainState) -> TrainState:
+    """Return a state with keys where `like`, of the same structure, has them."""
+    return jax.tree.map(lambda x, y: jax.random.wrap_key_data(x) if _is_key(y) else x, raw, like)
+
+
+def _is_key(x: Any) -> bool:
+    return jnp.issubdtype(x.dtype, jax.dtypes.prng_key)
 
 
 def _savable(tree: Any) -> Any:

@@ -10,7 +10,15 @@ import orbax.checkpoint as ocp
 
 from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError, warn
-from hitmdp_jax.runs.checkpoint_items import POLICY, PROGRESS, STATE, WORDS, Progress, with_raw_keys
+from hitmdp_jax.runs.checkpoint_items import (
+    POLICY,
+    PROGRESS,
+    STATE,
+    WORDS,
+    Progress,
+    with_keys,
+    with_raw_keys,
+)
 from hitmdp_jax.runs.checkpoint_words import (
     DamagedError,
     Words,
@@ -47,9 +55,9 @@ class SavedCheckpoints:
 
         def read(iteration: int) -> Progress:
             words = self._words(iteration)
-            raw = self._read(iteration, STATE, jax.eval_shape(with_raw_keys, like(words.task)))
-            state = raw.replace(key=jax.random.wrap_key_data(raw.key))
-            return Progress(iteration, words.task, state)
+            wanted = like(words.task)
+            raw = self._read(iteration, STATE, jax.eval_shape(with_raw_keys, wanted))
+            return Progress(iteration, words.task, with_keys(raw, wanted))
 
         return self._newest(read, self._written())
 

@@ -16,7 +16,7 @@ from hitmdp_jax.physics import find_engine
 from hitmdp_jax.precision import in_32_bits
 from hitmdp_jax.runs import processes
 from hitmdp_jax.runs.checkpoint import Checkpoints
-from hitmdp_jax.runs.checkpoint_items import Progress, with_raw_keys
+from hitmdp_jax.runs.checkpoint_items import Progress, with_keys, with_raw_keys
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.devices import at_once, make_mesh, memory_of, place, spread
 from hitmdp_jax.runs.memory import check_run_memory
@@ -165,7 +165,8 @@ class Run:
         iteration, task = processes.told(first)
         if not processes.several():
             return read[0]
-        like = jax.eval_shape(with_raw_keys, self.abstract_state(task))
-        blank = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), like)
+        wanted = self.abstract_state(task)
+        raw = jax.eval_shape(with_raw_keys, wanted)
+        blank = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), raw)
         state = processes.broadcast(with_raw_keys(read[0].state) if read else blank)  # pyright: ignore
-        return Progress(iteration, task, state.replace(key=jax.random.wrap_key_data(state.key)))
+        return Progress(iteration, task, with_keys(state, wanted))
