@@ -8,6 +8,7 @@ from hitmdp_jax.agents.iopg import IOPG
 from hitmdp_jax.agents.mopg import MOPG
 from hitmdp_jax.agents.oc import OC
 from hitmdp_jax.agents.ppo import PPO
+from hitmdp_jax.agents.ppo_gru import PPOGRU
 from hitmdp_jax.agents.ppoc import PPOC
 from hitmdp_jax.errors import UsageError, unknown_name
 
@@ -19,6 +20,7 @@ AGENTS: dict[str, type[Agent]] = {
     "iopg": IOPG,
     "ppoc": PPOC,
     "oc": OC,
+    "ppo_gru": PPOGRU,
 }
 
 
@@ -48,6 +50,7 @@ __all__ = [
     "OC",
     "PPO",
     "PPOC",
+    "PPOGRU",
     "Agent",
     "LearnerState",
     "find_agent",

@@ -48,29 +48,26 @@ class PPO(ScaledAgent):
         """Return the network for the task's actions."""
         return PPONetwork(self.actions, self.hidden_sizes, self.activation, self.initial_log_std)
 
-    def heads(self, params: Any, obs: jax.Array) -> Any:
-        """Return the policy, a distribution, and the value [...] of obs [..., O]."""
-        return self.network().apply({"params": params}, obs)
+    def heads(self, params: Any, obs: jax.Array, memory: Any = ()) -> tuple[Any, jax.Array, Any]:
+        """Return the policy, a distribution, the value [...] and the new memory in obs [..., O]."""
+        network: Any = self.network()
+        policy, value = network.apply({"params": params}, obs)
+        return policy, value, ()
 
-    def value_of(self, params: Any, obs: jax.Array, memory: tuple[()]) -> jax.Array:
+    def value_of(self, params: Any, obs: jax.Array, memory: Any) -> jax.Array:
         """Return V[s] [...]."""
-        return self.heads(params, obs)[1]
+        return self.heads(params, obs, memory)[1]
 
     def policy(self, params: Any, obs: jax.Array, option: Any = None) -> Any:
         """Return P(a | s), a distribution, for obs [..., O]; there are no options."""
         return self.heads(params, obs)[0]
 
     def act(
-        self,
-        params: Any,
-        obs: jax.Array,
-        memory: tuple[()],
-        key: jax.Array,
-        deterministic: bool = False,
-    ) -> tuple[jax.Array, tuple[()], tuple[()]]:
+        self, params: Any, obs: jax.Array, memory: Any, key: jax.Array, deterministic: bool = False
+    ) -> tuple[jax.Array, Any, tuple[()]]:
         """Draw a_t; the deterministic policy takes the likeliest."""
-        policy, _ = self.heads(params, obs)
-        return (policy.mode() if deterministic else policy.sample(seed=key)), (), ()
+        policy, _, memory = self.heads(params, obs, memory)
+        return (policy.mode() if deterministic else policy.sample(seed=key)), memory, ()
 
     def update(
         self, state: ScaledState, batch: Batch, key: jax.Array
@@ -90,8 +87,8 @@ class PPO(ScaledAgent):
 
     def targets(self, params: Any, batch: Batch) -> tuple[dict[str, Any], Metrics]:
         """Evaluate a rollout into what the loss reads, [T, B, ...], and metrics."""
-        policy, value = self.heads(params, batch.obs)
-        _, value_next = self.heads(params, batch.next_obs)
+        policy, value, memory = self.heads(params, batch.obs, batch.memory)
+        _, value_next, _ = self.heads(params, batch.next_obs, memory)
         entropy = policy.entropy()
         reward = batch.reward + self.entropy_weight * entropy
         advantage = self.advantages(batch, reward, value, value_next)
@@ -107,10 +104,15 @@ class PPO(ScaledAgent):
 
     def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return the loss of a minibatch: the surrogate and the critic's squared error."""
-        policy, value = self.heads(params, data["obs"])
+        policy, value = self.evaluate(params, data)
         surrogate, metrics = self.surrogate(
             "action", policy.log_prob(data["action"]), data["log_prob"], data["advantage"]
         )
         value_loss, of_values = self.value_loss(params, value, data)
         bonus = (data["entropy_weight"] * policy.entropy()).mean()
         return value_loss - surrogate - bonus, metrics | of_values
+
+    def evaluate(self, params: Any, data: dict[str, Any]) -> tuple[Any, jax.Array]:
+        """Return the policy, a distribution, and the value of each step of a minibatch."""
+        policy, value, _ = self.heads(params, data["obs"])
+        return policy, value

@@ -2,4 +2,4 @@
 
 from hitmdp_jax.envs.suites.base import Suite
 
-SUITE = Suite(prefix="toy/", folder=__name__, tasks={"turkey": "turkey:Turkey"})
+SUITE = Suite(prefix="toy/", folder=__name__, tasks={"turkey": "turkey:Turkey", "cue": "cue:Cue"})
