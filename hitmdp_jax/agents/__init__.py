@@ -5,6 +5,7 @@ from hitmdp_jax.agents.ahp import AHP
 from hitmdp_jax.agents.base import Agent, LearnerState, static, traced
 from hitmdp_jax.agents.dac import DAC
 from hitmdp_jax.agents.iopg import IOPG
+from hitmdp_jax.agents.moc import MOC
 from hitmdp_jax.agents.mopg import MOPG
 from hitmdp_jax.agents.oc import OC
 from hitmdp_jax.agents.ppo import PPO
@@ -20,6 +21,7 @@ AGENTS: dict[str, type[Agent]] = {
     "iopg": IOPG,
     "ppoc": PPOC,
     "oc": OC,
+    "moc": MOC,
     "ppo_gru": PPOGRU,
 }
 
@@ -46,6 +48,7 @@ __all__ = [
     "AHP",
     "DAC",
     "IOPG",
+    "MOC",
     "MOPG",
     "OC",
     "PPO",

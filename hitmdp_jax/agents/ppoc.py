@@ -9,6 +9,7 @@ from hitmdp_jax.agents.base import traced
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
 from hitmdp_jax.learning.options import at_option, entropy, expected_value, termination_objective
 from hitmdp_jax.metrics import Metrics
+from hitmdp_jax.networks import OptionHeads
 
 
 class PPOC(ClippedOptionAgent):
@@ -35,16 +36,13 @@ class PPOC(ClippedOptionAgent):
 
     def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return a minibatch's loss: both surrogates, termination, entropy, squared error."""
-        heads, memory, option = self.heads(params, data["obs"]), data["memory"], data["option"]
-        log_prob_action = heads.policy(option).log_prob(data["action"])
-        surrogate_action, of_actions = self.surrogate(
-            "action", log_prob_action, data["log_prob_action"], data["advantage_action"]
-        )
+        heads, memory = self.heads(params, data["obs"]), data["memory"]
+        surrogate_action, value_loss, of_actions = self.of_actions(heads, data)
         held = heads.replace(termination=jax.lax.stop_gradient(heads.termination))
         surrogate_option, of_options = self.surrogate(
             "option",
-            at_option(self.option_log_probs(held, memory), option),
-            at_option(data["log_option"], option),
+            at_option(self.option_log_probs(held, memory), data["option"]),
+            at_option(data["log_option"], data["option"]),
             data["advantage_option"],
         )
         value = expected_value(heads.log_master, heads.value)
@@ -52,7 +50,17 @@ class PPOC(ClippedOptionAgent):
             heads.termination, heads.value, value, memory, self.termination_regularizer
         ).mean()
         bonus = self.entropy_weight * entropy(heads.log_master).mean()
-        value_loss = 0.5 * jnp.square(at_option(heads.value, option) - data["q_target"]).mean()
         loss = value_loss + termination - surrogate_action - surrogate_option - bonus
         losses = {"value_loss": value_loss, "termination_loss": termination}
         return loss, of_options | of_actions | losses
+
+    def of_actions(
+        self, heads: OptionHeads, data: dict[str, Any]
+    ) -> tuple[jax.Array, jax.Array, Metrics]:
+        """Return the action policies' surrogate, the critic's loss, and metrics of a minibatch."""
+        log_prob = heads.policy(data["option"]).log_prob(data["action"])
+        surrogate, metrics = self.surrogate(
+            "action", log_prob, data["log_prob_action"], data["advantage_action"]
+        )
+        error = at_option(heads.value, data["option"]) - data["q_target"]
+        return surrogate, 0.5 * jnp.square(error).mean(), metrics
