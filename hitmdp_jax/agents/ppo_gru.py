@@ -110,7 +110,7 @@ class PPOGRU(PPO):
             memory = network.apply({"params": params}, memory, obs, method="remember")
             return memory, memory
 
-        along = [jnp.swapaxes(data[name], 0, 1) for name in ("obs", "started")]
-        _, memory = jax.lax.scan(remember, data["memory"][:, 0], tuple(along))
+        along = jnp.swapaxes(data["obs"], 0, 1), jnp.swapaxes(data["started"], 0, 1)
+        _, memory = jax.lax.scan(remember, data["memory"][:, 0], along)
         memory = jnp.swapaxes(memory, 0, 1)
         return network.apply({"params": params}, data["obs"], memory, method="read")

@@ -16,9 +16,6 @@ from matplotlib.colors import to_hex, to_rgb
 PALETTE = (
     "#4477aa", "#ee6677", "#20733d", "#a88600", "#7a1a70", "#1d9ba6", "#8f1200", "#454545",
 )  # fmt: skip
-ALGORITHMS: dict[str, str] = dict(
-    zip(("mopg", "ppo", "dac", "ahp", "iopg", "ppoc", "oc"), PALETTE, strict=False)
-)
 OWN = PALETTE[-1]  # of an algorithm that does not come with the package
 # Ends of arms' names that always look the same; other arms take what is left.
 VARIANTS = ("-one", "-held", "-printed")
@@ -33,6 +30,10 @@ def option_color(k: int) -> str:
     pair = np.array([to_rgb(PALETTE[k]), to_rgb(PALETTE[(k + apart) % len(PALETTE)])])
     red, green, blue = pair.mean(axis=0) * 0.75**darker
     return to_hex((red, green, blue))
+
+
+NAMES = ("mopg", "ppo", "dac", "ahp", "iopg", "ppoc", "oc", "", "moc", "ppo_gru")  # "": `OWN`
+ALGORITHMS = {name: option_color(k) for k, name in enumerate(NAMES) if name}
 
 
 def ink(color: Any) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hitmdp_jax
-from hitmdp_jax.agents import AGENTS
+from hitmdp_jax.agents import AGENTS, PPOGRU
 from hitmdp_jax.agents.base import hyperparameters_of
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
 from hitmdp_jax.errors import UsageError
@@ -201,7 +201,10 @@ def test_executed_options_and_their_probabilities_agree(agent, name):
 
 
 def test_actions_can_be_asked_of_every_option_at_once(agent, name):
-    """What has no options has one policy, whichever is named."""
+    """What has no options has one policy, whichever is named; with a memory it says of none."""
+    if isinstance(agent, PPOGRU):
+        assert agent.policy({}, jnp.ones((7, 1, 5)), jnp.arange(3)) is None
+        return
 
     def means(params):
         every = jnp.arange(getattr(agent, "num_options", 3))
@@ -213,7 +216,7 @@ def test_actions_can_be_asked_of_every_option_at_once(agent, name):
 
 
 def test_rollouts_that_do_not_divide_are_refused(agent):
-    if not hasattr(agent, "minibatch_size"):
+    if not hasattr(agent, "minibatch_size") or isinstance(agent, PPOGRU):
         agent.check_batch(101)
         return
     sentence = "2 \\* 50 = 100 is not divisible by minibatch_size = 64; the nearest .* is 50"
