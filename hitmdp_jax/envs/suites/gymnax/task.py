@@ -62,7 +62,7 @@ class KeyedTask(Env):
     def step(self, state: State, action: jax.Array) -> State:
         """Advance one step under a choice [] or numbers [A]."""
         key, key_step = jax.random.split(state.info["key"])
-        before = state.pipeline_state
+        before: Any = state.pipeline_state
         obs, after, reward, terminated, _ = self.task.step_env(
             key_step, before, self.spec.action.clip(action), self.params
         )

@@ -28,14 +28,15 @@ class MiniGridTask(Env):
     backend = "none"  # pyright: ignore[reportAssignmentType]
 
     def __init__(self, name: str, view_size: int = 7, max_steps: int | None = None):
-        import xminigrid
         from xminigrid.core.constants import NUM_COLORS, NUM_TILES
+        from xminigrid.registration import make
 
-        self.task, params = xminigrid.make(name)
-        self.params = params.replace(view_size=view_size, max_steps=max_steps or params.max_steps)
+        self.task, params = make(name)
+        limit = int(max_steps or params.max_steps or 0)
+        self.params = params.replace(view_size=view_size, max_steps=limit)
         self._kinds = NUM_TILES, NUM_COLORS
         observation = Observation((view_size, view_size, sum(self._kinds)))
-        self.spec = Spec(observation, Discrete(len(ACTIONS), ACTIONS), self.params.max_steps)
+        self.spec = Spec(observation, Discrete(len(ACTIONS), ACTIONS), limit)
 
     @property
     def observation_size(self) -> int:
@@ -49,14 +50,15 @@ class MiniGridTask(Env):
 
     def reset(self, rng: jax.Array) -> State:
         """Start an episode."""
-        first = self.task.reset(self.params, rng)
+        first: Any = self.task.reset(self.params, rng)
         zero = jnp.zeros((), jnp.float32)
         info = {"truncation": zero}
         return State(first, self._observation(first), zero, zero, {"success": zero}, info)
 
     def step(self, state: State, action: jax.Array) -> State:
         """Advance one step under one of `ACTIONS`."""
-        now = self.task.step(self.params, state.pipeline_state, action)
+        before: Any = state.pipeline_state
+        now = self.task.step(self.params, before, action)
         reached = (now.discount == 0.0).astype(jnp.float32)
         ended = now.last().astype(jnp.float32)
         return state.replace(  # pyright: ignore[reportAttributeAccessIssue]
