@@ -15,7 +15,7 @@ from hitmdp_jax.runs.checkpoint import saved_iterations
 from tests.cli.conftest import CHECKOUT, QUICK, SMALL, rows_of, signal_after_rows
 
 
-@pytest.mark.parametrize("name", set(experiment.names()) - {"compare"})
+@pytest.mark.parametrize("name", sorted({*experiment.names()} - {"compare"}))
 def test_every_cell_of_the_catalogue_can_be_run_and_the_paper_speaks_of_no_other(name):
     read = experiment.read(name)
     tasks = read.tasks or {"": []}
