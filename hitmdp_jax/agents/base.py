@@ -30,9 +30,13 @@ def traced(
     return struct.field(default=default, metadata=limits)
 
 
-def static(default: Any, choices: tuple[str, ...] = ()) -> Any:
-    """Declare a hyperparameter that shapes the program, and so cannot be traced."""
-    return struct.field(pytree_node=False, default=default, metadata={"choices": choices})
+def static(default: Any, choices: tuple[str, ...] = (), of: type = int) -> Any:
+    """Declare a hyperparameter that shapes the program, and so cannot be traced.
+
+    A tuple holds positive whole numbers, or names where it is one `of` str.
+    """
+    metadata = {"choices": choices, "of": of}
+    return struct.field(pytree_node=False, default=default, metadata=metadata)
 
 
 def hyperparameters_of(agent: Any) -> tuple[dataclasses.Field, ...]:
@@ -62,6 +66,9 @@ def check_hyperparameters(agent: Any) -> None:
             wanted = _fault_of_number(value, **_limits(field))
         elif isinstance(default, int):
             wanted = fault_of_whole((value,), "a positive whole number")
+        elif isinstance(default, tuple) and field.metadata.get("of") is str:
+            names = isinstance(value, tuple) and all(isinstance(x, str) for x in value)
+            wanted = "" if names else "a list of names"
         elif isinstance(default, tuple):
             values = value if isinstance(value, tuple) and value else (None,)
             wanted = fault_of_whole(values, "a list of positive whole numbers")

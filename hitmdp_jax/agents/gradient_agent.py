@@ -1,7 +1,7 @@
 """What agents that learn by gradient steps share, and those of them that PPO's surrogate serves."""
 
 import abc
-from typing import Any
+from typing import Any, Self
 
 import flax.linen as nn
 import jax
@@ -19,10 +19,15 @@ from hitmdp_jax.learning.surrogate import clipped_surrogate
 from hitmdp_jax.learning.value_scale import decay, rescale
 from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks.mlp import ACTIVATIONS
+from hitmdp_jax.networks.reads import Entries, Reads
 
 
 class GradientAgent(Agent):
-    """An agent with one network, which Adam trains."""
+    """An agent of networks that Adam trains together.
+
+    `action_reads` and `critic_reads`, and of agents with options `master_reads`, are the parts of
+    the observation that the networks of that name read; an empty tuple stands for all of it.
+    """
 
     learning_rate: float = traced(3e-4)
     adam_eps: float = traced(1e-5, positive=True)
@@ -30,7 +35,28 @@ class GradientAgent(Agent):
     gamma: float = traced(0.99, high=1.0)
     hidden_sizes: tuple[int, ...] = static((64, 64))
     activation: str = static("relu", tuple(ACTIVATIONS))
+    action_reads: tuple[str, ...] = static((), of=str)
+    critic_reads: tuple[str, ...] = static((), of=str)
     bootstrap_on_truncation: bool = static(True)
+
+    def bind(self, spec: Spec) -> Self:
+        """Return the agent of a task.
+
+        Raises:
+          UsageError: the task's observation lacks a part that a network is to read.
+        """
+        bound = super().bind(spec)
+        _ = bound.reads
+        return bound
+
+    @property
+    def reads(self) -> Reads:
+        """What each network reads of the task's observation."""
+        return Reads(*(self._entries(f"{network}_reads") for network in Reads._fields))
+
+    def _entries(self, name: str) -> Entries:
+        parts = getattr(self, name, ())
+        return tuple(self.task.observation.entries_of(parts).tolist()) if parts else None
 
     @abc.abstractmethod
     def network(self) -> nn.Module:

@@ -13,7 +13,7 @@ from hitmdp_jax.agents.gradient_agent import GradientAgent
 from hitmdp_jax.envs.spec import Action
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.options import expected_value
-from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEncoder
+from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEncoder, Reads, read
 
 INITIAL_OPTIONS = ("uniform", "first")
 EMBEDDINGS = ("equal", "normal")
@@ -47,6 +47,7 @@ class HitNetwork(nn.Module):
     value_order: int
     form: str
     option_scale: jax.Array | float
+    reads: Reads = Reads()
 
     def setup(self):
         """Declare the parts."""
@@ -74,18 +75,19 @@ class HitNetwork(nn.Module):
     def master(self, obs: jax.Array, previous: jax.Array) -> jax.Array:
         """Return log P(o | s, o_{t-1}) [..., K] for obs [..., O], previous [...]."""
         similarity = jnp.asarray(self.similarity, jnp.float32)
-        logits = self.encoder(obs, previous, self.embeddings, similarity)
+        seen = read(obs, self.reads.master)
+        logits = self.encoder(seen, previous, self.embeddings, similarity)
         return jax.nn.log_softmax(logits)
 
     def action(self, obs: jax.Array, option: jax.Array) -> Any:
         """Return P(a | s, o), a distribution, for obs [..., O], option [...]."""
         rows = self.option_scale * self.input_scale * self.embeddings
-        return self.decoder(obs, rows, option)
+        return self.decoder(read(obs, self.reads.action), rows, option)
 
     def q(self, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return Q_O[s, o_t] [...] for obs [..., O], memory [...] with o_t as its newest option."""
         every = self.option_scale * jnp.eye(self.num_options**self.value_order, dtype=jnp.float32)
-        return self.critic(obs, every, memory)
+        return self.critic(read(obs, self.reads.critic), every, memory)
 
     def every_action(self, obs: jax.Array) -> Any:
         """Return P(a | s, o) of each option, over [..., K], for obs [..., O]."""
@@ -122,6 +124,7 @@ class HitPolicy(GradientAgent):
     initial_option: str = static("uniform", INITIAL_OPTIONS)
     value_order: int = static(1)
     embeddings: str = static("equal", EMBEDDINGS)
+    master_reads: tuple[str, ...] = static((), of=str)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -146,6 +149,7 @@ class HitPolicy(GradientAgent):
             self.value_order,
             self.embeddings,
             self.option_scale,
+            self.reads,
         )
 
     def _apply(self, params: Any, method: str, *args: jax.Array) -> Any:

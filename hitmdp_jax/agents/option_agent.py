@@ -44,6 +44,7 @@ class OptionAgent(GradientAgent):
 
     num_options: int = static(4)
     activation: str = static("tanh", tuple(ACTIVATIONS))
+    master_reads: tuple[str, ...] = static((), of=str)  # and the terminations
 
     @property
     def num_values(self) -> int:
@@ -53,7 +54,12 @@ class OptionAgent(GradientAgent):
     def network(self) -> OptionNetwork:
         """Return the network for the task's actions."""
         return OptionNetwork(
-            self.actions, self.num_options, self.num_values, self.hidden_sizes, self.activation
+            self.actions,
+            self.num_options,
+            self.num_values,
+            self.hidden_sizes,
+            self.activation,
+            self.reads,
         )
 
     def heads(self, params: Any, obs: jax.Array) -> OptionHeads:

@@ -12,7 +12,7 @@ from hitmdp_jax.learning.advantages import standardize
 from hitmdp_jax.learning.optimization import adapted_share
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
-from hitmdp_jax.networks import ActionDecoder, Critic
+from hitmdp_jax.networks import ActionDecoder, Critic, Reads, read
 from hitmdp_jax.precision import in_32_bits
 
 
@@ -23,6 +23,7 @@ class PPONetwork(nn.Module):
     hidden_sizes: tuple[int, ...]
     activation: str
     initial_log_std: jax.Array | float
+    reads: Reads = Reads()
 
     def setup(self):
         """Declare the parts."""
@@ -33,7 +34,7 @@ class PPONetwork(nn.Module):
 
     def __call__(self, obs: jax.Array) -> tuple[Any, jax.Array]:
         """Return the policy, a distribution, and the value [...] of obs [..., O]."""
-        return self.decoder(obs), self.critic(obs)
+        return self.decoder(read(obs, self.reads.action)), self.critic(read(obs, self.reads.critic))
 
 
 class PPO(ScaledAgent):
@@ -46,7 +47,9 @@ class PPO(ScaledAgent):
 
     def network(self) -> PPONetwork:
         """Return the network for the task's actions."""
-        return PPONetwork(self.actions, self.hidden_sizes, self.activation, self.initial_log_std)
+        return PPONetwork(
+            self.actions, self.hidden_sizes, self.activation, self.initial_log_std, self.reads
+        )
 
     def heads(self, params: Any, obs: jax.Array, memory: Any = ()) -> tuple[Any, jax.Array, Any]:
         """Return the policy, a distribution, the value [...] and the new memory in obs [..., O]."""

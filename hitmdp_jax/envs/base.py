@@ -3,7 +3,8 @@
 import abc
 import copy
 import functools
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeGuard
 
 import jax
@@ -19,6 +20,7 @@ from hitmdp_jax.precision import in_32_bits
 
 __all__ = ["MujocoEnv", "SolverBudget", "has_model"]
 
+Parts = Mapping[str, slice | Sequence[int]]  # of an observation: name -> where it lies in the row
 UNLIMITED = [[-np.inf], [np.inf]]  # of an actuator's control
 
 
@@ -86,6 +88,15 @@ class MujocoEnv(Env):
         """Return whether the episode ends here for a reason other than time. Never, by default."""
         return jnp.zeros((), bool)
 
+    @property
+    def parts(self) -> Parts:
+        """Where in the observation its parts lie, by name; what none names is the "body".
+
+        The body is how the robot is posed and moves, and what it feels. Tasks here may have a
+        "place", where the robot is, and a "goal", what an episode asks for.
+        """
+        return {}
+
     def reset(self, rng: jax.Array) -> State:
         """Start an episode from the task's initial distribution."""
         return self.reset_to(*self.sample_initial(rng))
@@ -149,7 +160,8 @@ class MujocoEnv(Env):
             return self.observation(zeros.replace(qpos=qpos, qvel=qvel))
 
         names = observation_names(self.model, observe) if len(shape) == 1 else ()
-        observed = Observation(shape, state.obs.dtype.name, names)
+        parts = _in_order(shape, self.parts) if len(shape) == 1 else ()
+        observed = Observation(shape, state.obs.dtype.name, names, parts)
         return Spec(observed, self._action, self.episode_length, self.dt)
 
     @property
@@ -166,6 +178,14 @@ class MujocoEnv(Env):
     def backend(self) -> str:
         """Name of the physics engine (Brax's word)."""
         return self.physics.name
+
+
+def _in_order(shape: tuple[int, ...], parts: Parts) -> tuple[tuple[str, tuple[int, ...]], ...]:
+    """Return the parts of an observation [O] as `Observation` lists them."""
+    names = np.full(shape, "body", object)
+    for name, where in parts.items():
+        names[where if isinstance(where, slice) else list(where)] = name
+    return tuple((name, (len(list(run)),)) for name, run in itertools.groupby(names.tolist()))
 
 
 def has_model(env: Any) -> TypeGuard[MujocoEnv]:

@@ -2,7 +2,7 @@
 
 import copy
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from hitmdp_jax.checks import is_positive_whole
 from hitmdp_jax.envs.base import MujocoEnv
-from hitmdp_jax.envs.spec import Spec, spec_of
+from hitmdp_jax.envs.spec import Observation, Spec, spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.metrics import REWARD_TERM, describe
 from hitmdp_jax.tracing import difference, is_array, shown, traced
@@ -129,16 +129,37 @@ class _Still:
 
 
 def _fault_of_observation(env: Any, obs: Any) -> str | None:
+    own = getattr(env, "spec", None)
+    if isinstance(obs, Mapping):
+        return _fault_of_parts(obs, None if own is None else own.observation)
     if not is_array(obs):
-        return _of_several(obs) if jax.tree.leaves(obs) else f"its observation is {shown(obs)}"
+        return f"its observation is {shown(obs)} and must be one array, or a dictionary of arrays"
     if obs.ndim == 0 or not obs.size:
         return f"its observation is {shown(obs)} and must be a row of numbers, or an array of them"
-    if not (_is_real(obs) or jnp.issubdtype(obs.dtype, jnp.bool_)):
+    if not _is_real(obs):
         return f"its observation is {shown(obs)} and must be of real numbers"
-    own = getattr(env, "spec", None)
     if own is not None and obs.shape != own.observation.shape:
         return f"its spec says {list(own.observation.shape)} and it observes {shown(obs)}"
     return None
+
+
+def _fault_of_parts(obs: Mapping[Any, Any], own: Observation | None) -> str | None:
+    """Return what is wrong with an observation of several arrays by name, or None."""
+    for name, x in obs.items():
+        if not isinstance(name, str):
+            return f"its observation's part {name!r} must be called by a string"
+        if not is_array(x) or not x.size or not _is_real(x):
+            return f"its observation's part '{name}' is {shown(x)} and must be of real numbers"
+    if not obs:
+        return "its observation is a dictionary without arrays"
+    said, shows = own and sorted(own.parts), sorted((name, x.shape) for name, x in obs.items())
+    if said is not None and said != shows:
+        return f"its spec says {_listed(said)} and it observes {_listed(shows)}"
+    return None
+
+
+def _listed(parts: Sequence[tuple[str, tuple[int, ...]]]) -> str:
+    return ", ".join(f"{name} {list(shape)}" for name, shape in parts)
 
 
 def _fault_of_metrics(metrics: Any) -> str | None:
@@ -152,15 +173,6 @@ def _fault_of_metrics(metrics: Any) -> str | None:
         if not is_array(x) or x.shape != () or not _is_real(x):
             return f"its metric '{name}' is {shown(x)} and must be one number"
     return None
-
-
-def _of_several(obs: Any) -> str:
-    if isinstance(obs, Mapping):
-        names = ", ".join(map(str, obs))
-        return f"it observes several arrays ({names}), and a policy reads one: join them"
-    return (
-        f"it observes several arrays, in a {type(obs).__name__}, and a policy reads one: join them"
-    )
 
 
 def _is_real(x: jax.ShapeDtypeStruct) -> bool:

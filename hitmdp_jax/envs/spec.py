@@ -24,7 +24,8 @@ class Observation:
       dtype: as the task gives it; of several arrays, the one that holds them all.
       names: of the O entries of the row; numbers where none are given.
       parts: the name and the shape of each part of the row, in its order; the whole is one part,
-        "obs", where none are given.
+        "obs", where none are given. Of one array a part may lie in several places, and is then
+        listed as often.
     """
 
     shape: tuple[int, ...]
@@ -37,7 +38,9 @@ class Observation:
             object.__setattr__(self, "parts", (("obs", self.shape),))
         if not self.names:
             numbered = (
-                f"{part}{list(place)}" for part, shape in self.parts for place in np.ndindex(*shape)
+                f"{part}{list(place) if place else ''}"
+                for part, shape in self.parts
+                for place in np.ndindex(*shape)
             )
             object.__setattr__(self, "names", tuple(numbered))
 

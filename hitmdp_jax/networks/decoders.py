@@ -20,7 +20,7 @@ class ActionDecoder(nn.Module):
     Attributes:
       actions: the task's actions.
       sizes: widths of the FFN.
-      activation: "relu" or "tanh".
+      activation: a name of `mlp.ACTIVATIONS`.
       initial_log_std: as `action_heads.Gaussian`.
       head_gain: gain of the head's layer.
     """
@@ -50,7 +50,7 @@ class Critic(nn.Module):
 
     Attributes:
       sizes: widths of the FFN.
-      activation: "relu" or "tanh".
+      activation: a name of `mlp.ACTIVATIONS`.
     """
 
     sizes: tuple[int, ...] = (64, 64)

@@ -6,7 +6,13 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
-ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {"relu": nn.relu, "tanh": nn.tanh}
+ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {
+    "relu": nn.relu,
+    "tanh": nn.tanh,
+    "elu": nn.elu,
+    "swish": nn.swish,
+    "gelu": nn.gelu,  # by its tanh approximation
+}
 HIDDEN_GAIN = 2.0**0.5
 
 
@@ -34,7 +40,7 @@ class MLP(nn.Module):
 
     Attributes:
       sizes: width of each layer.
-      activation: "relu" or "tanh".
+      activation: a name of `ACTIVATIONS`.
       gain: of the orthogonal initial weights.
     """
 

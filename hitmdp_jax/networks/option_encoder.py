@@ -21,7 +21,7 @@ class OptionEncoder(nn.Module):
     Attributes:
       master_policy: "similarity" or "printed".
       sizes: widths of each FFN.
-      activation: "relu" or "tanh".
+      activation: a name of `mlp.ACTIVATIONS`.
       head_gain: gain of the logits' layer; small makes the first policy nearly uniform.
       input_scale: what the query's body reads W multiplied by.
     """

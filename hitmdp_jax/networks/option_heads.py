@@ -10,6 +10,7 @@ from flax import struct
 from hitmdp_jax.envs.spec import Action, Box
 from hitmdp_jax.networks.action_heads import distribution
 from hitmdp_jax.networks.mlp import MLP, orthogonal
+from hitmdp_jax.networks.reads import Reads, read
 
 HEAD_GAIN = 1e-3  # small, so that options start alike, beta near 1/2 and the master near uniform
 
@@ -61,7 +62,8 @@ class OptionNetwork(nn.Module):
       num_options: K.
       num_values: V, outputs of the critic: K for Q[s, o], K + 1 for AHP's V[s, o_{t-1}].
       hidden_sizes: widths of each body.
-      activation: "relu" or "tanh".
+      activation: a name of `mlp.ACTIVATIONS`.
+      reads: what of the observation; the terminations read what the master does.
     """
 
     actions: Action
@@ -69,6 +71,7 @@ class OptionNetwork(nn.Module):
     num_values: int
     hidden_sizes: tuple[int, ...]
     activation: str
+    reads: Reads = Reads()
 
     @nn.compact
     def __call__(self, obs: jax.Array) -> OptionHeads:
@@ -82,12 +85,13 @@ class OptionNetwork(nn.Module):
             out_axes=-2,
             axis_size=self.num_options,
         )
-        action, std = each(self.actions.size, *body, name="policies")(obs), None
+        acting, choosing, judging = (read(obs, entries) for entries in self.reads)
+        action, std = each(self.actions.size, *body, name="policies")(acting), None
         if isinstance(self.actions, Box):
             shape = self.num_options, self.actions.size
             rho = self.param("rho", nn.initializers.zeros, shape, jnp.float32)
             action, std = jnp.tanh(action), jax.nn.softplus(rho)
-        termination = each(1, *body, name="terminations")(obs).squeeze(-1)
-        master = Head(self.num_options, *body, name="master")(obs)
-        value = Head(self.num_values, *body, name="critic")(obs)
+        termination = each(1, *body, name="terminations")(choosing).squeeze(-1)
+        master = Head(self.num_options, *body, name="master")(choosing)
+        value = Head(self.num_values, *body, name="critic")(judging)
         return OptionHeads(action, std, termination, jax.nn.log_softmax(master), value)

@@ -307,9 +307,7 @@ def _like(name: str, value: Any, default: Any) -> Any:
             raise out_of_domain(name, value, "a number")
         return float(value)
     if isinstance(default, tuple):
-        if not isinstance(value, list | tuple):
-            raise out_of_domain(name, value, "a list of positive whole numbers")
-        return tuple(value)
+        return tuple(value) if isinstance(value, list) else value
     return value
 
 

@@ -1,5 +1,6 @@
 """How much memory a run needs at the least."""
 
+import itertools
 import math
 from typing import Any
 
@@ -7,13 +8,14 @@ import jax
 from brax.envs.base import Env
 
 from hitmdp_jax import plugins
+from hitmdp_jax.agents import Agent
 from hitmdp_jax.checks import check_memory
 from hitmdp_jax.envs.spec import Box, Observation, Spec, spec_of
+from hitmdp_jax.networks.reads import Reads
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.training.sizes import usual_pool_size
 
 REWARD = 4  # bytes of one, the least that a task's state holds
-SMALLEST = Spec(Observation((1,)), Box.unlimited(1))  # the least that a task may be
 
 
 def check_run_memory(
@@ -44,7 +46,7 @@ def check_run_memory(
     trainings, agent = config.seeds * settings, config.make_agent()
     steps = config.num_envs * config.rollout_length
     states = config.num_envs + usual_pool_size(config.num_envs, config.rollout_length)
-    learner, replay, state, spec = 0, 0, REWARD, SMALLEST
+    learner, replay, state, spec = 0, 0, REWARD, _least_task(agent)
     if env is not None:
         spec = spec_of(env)
         state = _bytes_of(jax.eval_shape(env.reset, jax.random.key(0)))
@@ -62,6 +64,13 @@ def check_run_memory(
         },
         available,
     )
+
+
+def _least_task(agent: Agent) -> Spec:
+    """Return the least that an agent's task may be: a number for each part that it names."""
+    reads = (getattr(agent, f"{network}_reads", ()) for network in Reads._fields)
+    parts = tuple((part, (1,)) for part in sorted({*itertools.chain(*reads)}))
+    return Spec(Observation((max(1, len(parts)),), parts=parts), Box.unlimited(1))
 
 
 def _bytes_of(arrays: Any) -> int:

@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,8 @@ from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import is_policy
 from hitmdp_jax.runs.policy_file import read_policy
 from hitmdp_jax.training.sweep import Training
+
+Observed = ArrayLike | Mapping[str, ArrayLike]  # as the task shows it, one array or several by name
 
 
 class Policy(struct.PyTreeNode):
@@ -46,7 +48,7 @@ class Policy(struct.PyTreeNode):
         return self.agent.initial_memory(key, batch_shape)
 
     def act(
-        self, obs: jax.Array, memory: Any, key: jax.Array, deterministic: bool = False
+        self, obs: Observed, memory: Any, key: jax.Array, deterministic: bool = False
     ) -> tuple[jax.Array, Any]:
         """Return actions for raw observations, as the task gives them, and the new memory.
 
@@ -57,14 +59,14 @@ class Policy(struct.PyTreeNode):
         action, memory, _ = self.agent.act(self.params, obs, memory, key, deterministic)
         return action, memory
 
-    def option_probs(self, obs: ArrayLike, memory: Any) -> jax.Array | None:
+    def option_probs(self, obs: Observed, memory: Any) -> jax.Array | None:
         """Return P(o_t | s_t, what is remembered) [..., K] for raw observations; Raises as `act`.
 
         None of a policy without options.
         """
         return self.agent.option_probs(self.params, self.normalized(obs), memory)
 
-    def value(self, obs: ArrayLike, memory: Any) -> jax.Array | None:
+    def value(self, obs: Observed, memory: Any) -> jax.Array | None:
         """Return the expected discounted return [...] from raw observations; Raises as `act`.
 
         None of an algorithm that does not say.
@@ -75,12 +77,23 @@ class Policy(struct.PyTreeNode):
         """Return the policy of one training, or of some, by their places among leaves [R, ...]."""
         return jax.tree.map(lambda x: x[places] if np.ndim(x) else x, self)
 
-    def normalized(self, obs: ArrayLike) -> jax.Array:
+    def normalized(self, obs: Observed) -> jax.Array:
         """Return raw observations as the agent sees them, rows [..., O]; Raises as `act`."""
         seen = self.spec.observation
-        if np.shape(obs)[-len(seen.shape) :] != seen.shape:
-            raise UsageError(f"obs has shape {np.shape(obs)}; its last axes must be {seen.shape}.")
+        if isinstance(obs, Mapping):
+            for part, shape in seen.parts:
+                if part not in obs:
+                    raise UsageError(f"obs lacks its part '{part}'.")
+                _check_shape(f"obs['{part}']", obs[part], shape)
+        else:
+            _check_shape("obs", obs, seen.shape)
         return normalize(seen.flat(obs), self.normalizer)
+
+
+def _check_shape(name: str, x: ArrayLike, shape: tuple[int, ...]) -> None:
+    """Raise UsageError where an array's last axes are not of that shape."""
+    if np.shape(x)[np.ndim(x) - len(shape) :] != shape:
+        raise UsageError(f"{name} has shape {np.shape(x)}; its last axes must be {shape}.")
 
 
 def load(

@@ -25,7 +25,7 @@ make_train = functools.partial(hitmdp_jax.make_train, **SIZES)
 class Several(Target):
     def reset(self, rng):
         state: Any = super().reset(rng)
-        return state.replace(obs={"a": state.obs, "b": state.obs})
+        return state.replace(obs=(state.obs, state.obs))
 
 
 PYTHON = {
@@ -77,7 +77,7 @@ PYTHON = {
     "env name": (lambda: make_train(PPO(), "hopper"), "make_env('hopper')"),
     "env class": (lambda: make_train(PPO(), Turkey), "Turkey"),
     "env None": (lambda: make_train(PPO(), None), "None"),
-    "env of several arrays": (lambda: make_train(PPO(), Several()), "several arrays"),
+    "env of several arrays": (lambda: make_train(PPO(), Several()), "is a tuple and must be"),
     "batch that does not divide": (
         lambda: hitmdp_jax.make_train(PPO(minibatch_size=100), Target(), **SIZES),
         "not divisible by minibatch_size = 100",
@@ -135,7 +135,7 @@ PYTHON = {
             (PPO, "hidden_sizes", (0,), "hidden_sizes = [0] must be a list"),
             (PPO, "hidden_sizes", ("a",), "hidden_sizes = ['a'] must be a list"),
             (PPO, "hidden_sizes", np.array([64, 64]), "must be a list"),
-            (PPO, "activation", "gelu", "Unknown activation 'gelu'"),
+            (PPO, "activation", "gelo", "Unknown activation 'gelo'"),
             (PPO, "activation", None, "Unknown activation 'None'"),
             (PPO, "activation", jnp.tanh, "Unknown activation"),
             (PPO, "num_epochs", 0, "num_epochs = 0 must be a positive whole number"),

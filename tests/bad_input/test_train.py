@@ -154,7 +154,7 @@ TRAIN = [
     ("algo.hidden_sizes=[]", "hidden_sizes = [] must be a list of positive whole numbers"),
     ("algo.hidden_sizes=[64,a]", "must be a list of positive whole numbers"),
     ("algo.hidden_sizes=[[64]]", "must be a list of positive whole numbers"),
-    ("algo.activation=gelu", "Unknown activation 'gelu'"),
+    ("algo.activation=gelo", "Unknown activation 'gelo'; did you mean 'gelu'"),
     ("algo.activation=[relu]", "Unknown activation"),
     ("algo.master_policy=simple", "Unknown master_policy 'simple'"),
     ("algo.mutual_information=all", "Unknown mutual_information 'all'"),

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
-from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.base import MujocoEnv, Parts, SolverBudget
 from hitmdp_jax.envs.suites.dmc.rewards import tolerance
 from hitmdp_jax.envs.suites.dmc.suite import load_suite_model
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
@@ -59,6 +59,11 @@ class CartpoleBalance(MujocoEnv):
         half_width = jnp.array([INITIAL_POSITION, INITIAL_ANGLE], jnp.float32)
         qpos = jax.random.uniform(key_qpos, (2,), jnp.float32, -half_width, half_width)
         return qpos, INITIAL_VELOCITY * jax.random.normal(key_qvel, (2,), jnp.float32)
+
+    @property
+    def parts(self) -> Parts:
+        """The cart's position."""
+        return {"place": (0,)}
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions, the pole's angle as a point of the circle, and velocities."""

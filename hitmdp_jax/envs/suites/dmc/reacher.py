@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
-from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.base import MujocoEnv, Parts, SolverBudget
 from hitmdp_jax.envs.suites.dmc.rewards import tolerance
 from hitmdp_jax.envs.suites.dmc.suite import load_suite_model, random_joint_angles
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
@@ -69,6 +69,11 @@ class ReacherEasy(MujocoEnv):
         target = radius * jnp.stack([jnp.sin(angle), jnp.cos(angle)])
         arm = random_joint_angles(self.model, key_arm)[:NUM_JOINTS]
         return jnp.concatenate([arm, target]), jnp.zeros(self.model.nv)
+
+    @property
+    def parts(self) -> Parts:
+        """The way to the target."""
+        return {"goal": (2, 3)}
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return the arm's angles, the way to the target and the arm's velocities."""

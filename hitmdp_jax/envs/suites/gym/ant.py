@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import mujoco
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
-from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.base import MujocoEnv, Parts, SolverBudget
 from hitmdp_jax.envs.suites.gym.initial import normal_velocity_around_rest
 from hitmdp_jax.envs.suites.gym.task import HealthyTask, Terms
 from hitmdp_jax.errors import unknown_name
@@ -80,6 +80,11 @@ class Ant(HealthyTask):
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos uniformly and qvel normally around the standing pose."""
         return normal_velocity_around_rest(self.model, key, self.reset_noise_scale)
+
+    @property
+    def parts(self) -> Parts:
+        """The torso's x and y, where they are observed."""
+        return {"place": slice(2 - self._first_position)}
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions, velocities and, if observed, contact forces."""

@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
+from hitmdp_jax.envs.base import Parts
 from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
 from hitmdp_jax.envs.suites.gym.task import GymTask
 from hitmdp_jax.physics import PhysicsState
@@ -49,6 +50,11 @@ class HumanoidBody(GymTask):
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the model's pose at rest."""
         return uniform_around_rest(self.model, key, self.reset_noise_scale)
+
+    @property
+    def parts(self) -> Parts:
+        """The torso's x and y, where they are observed."""
+        return {"place": slice(0 if self.exclude_current_positions_from_observation else 2)}
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions, velocities and the chosen fields."""

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
-from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.base import MujocoEnv, Parts, SolverBudget
 from hitmdp_jax.envs.suites.gym.initial import normal_velocity_around_rest
 from hitmdp_jax.envs.suites.gym.task import GymTask, Terms
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
@@ -55,6 +55,11 @@ class InvertedDoublePendulum(GymTask):
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos uniformly and qvel normally around the upright rest."""
         return normal_velocity_around_rest(self.model, key, self.reset_noise_scale)
+
+    @property
+    def parts(self) -> Parts:
+        """The cart's position."""
+        return {"place": (0,)}
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return cart, poles, velocities and constraint forces."""

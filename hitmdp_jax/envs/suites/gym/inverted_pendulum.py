@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
-from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.base import MujocoEnv, Parts, SolverBudget
 from hitmdp_jax.envs.suites.gym.initial import uniform_around_rest
 from hitmdp_jax.envs.suites.gym.task import GymTask, Terms
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
@@ -49,6 +49,11 @@ class InvertedPendulum(GymTask):
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos and qvel uniformly around the upright rest."""
         return uniform_around_rest(self.model, key, self.reset_noise_scale)
+
+    @property
+    def parts(self) -> Parts:
+        """The cart's position."""
+        return {"place": (0,)}
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return positions and velocities."""

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
-from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.base import MujocoEnv, Parts, SolverBudget
 from hitmdp_jax.envs.suites.gym.task import GymTask, Terms
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
@@ -64,6 +64,11 @@ class Reacher(GymTask):
         noise = jax.random.uniform(key_velocity, (NUM_JOINTS,), jnp.float32, -1.0, 1.0)
         velocity = jnp.concatenate([INITIAL_VELOCITY * noise, jnp.zeros(2)])
         return jnp.concatenate([arm, target]), velocity
+
+    @property
+    def parts(self) -> Parts:
+        """The target, and the way from it to the fingertip."""
+        return {"goal": (4, 5, 8, 9, 10) if self.version == "v4" else (4, 5, 8, 9)}
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return the arm, the target and the vector between them."""

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from brax.envs.base import State
 
-from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.base import MujocoEnv, Parts
 from hitmdp_jax.envs.suites.maze.maps import Maze
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
@@ -73,6 +73,11 @@ class MazeEnv(MujocoEnv):
         data = after.pipeline_state
         assert isinstance(data, PhysicsState)
         return _with_success(after, jnp.maximum(state.metrics["success"], self._at_goal(data)))
+
+    @property
+    def parts(self) -> Parts:
+        """The robot's place and the goal, behind the body."""
+        return {"place": slice(-4, -2), "goal": slice(-2, None)}
 
     def observation(self, data: PhysicsState) -> jax.Array:
         """Return proprioception, place and goal."""

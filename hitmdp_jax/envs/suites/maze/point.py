@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from brax.envs.base import State
 
 from hitmdp_jax.envs.assets import load_model
-from hitmdp_jax.envs.base import MujocoEnv, SolverBudget
+from hitmdp_jax.envs.base import MujocoEnv, Parts, SolverBudget
 from hitmdp_jax.envs.suites.maze.maps import FOUR_ROOMS, MEDIUM_MAZE, U_MAZE, Maze
 from hitmdp_jax.envs.suites.maze.maze import MazeEnv
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
@@ -78,6 +78,11 @@ class PointMaze(MazeEnv):
         data = data.replace(qvel=jnp.clip(data.qvel, -MAX_SPEED, MAX_SPEED))
         slowed = state.replace(pipeline_state=data)  # pyright: ignore[reportAttributeAccessIssue]
         return super().step(slowed, action)
+
+    @property
+    def parts(self) -> Parts:
+        """The ball's place, which is shown twice, and the goal; its velocity is the body."""
+        return {**super().parts, "place": (0, 1, 4, 5)}
 
     def proprioception(self, data: PhysicsState) -> jax.Array:
         """Return the ball's place and velocity."""
