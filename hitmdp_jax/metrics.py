@@ -44,6 +44,7 @@ VOCABULARY: dict[str, Metric] = {
         "share of episodes",
         "by episodes",
     ),
+    "step_reward": Metric("mean reward of an action, in whole episodes or not", "reward"),
     "recent_return": Metric("mean return of a seed's last 100 episodes", "reward", "last"),
     "recent_length": Metric("their mean length", "control steps", "last"),
     # The run.

@@ -121,6 +121,11 @@ class Agent(abc.ABC):
     method takes any leading batch shape.
     """
 
+    # What training does for every algorithm: see `normalization.normalize`, and the factor by which
+    # an update sees rewards multiplied; metrics stay as the task pays.
+    normalize_observations: bool = static(True)
+    reward_scale: float = traced(1.0, positive=True)
+
     spec: Spec | None = dataclasses.field(default=None, kw_only=True)
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -226,7 +231,7 @@ class Agent(abc.ABC):
     def update(
         self, state: LearnerState, batch: Batch, key: jax.Array
     ) -> tuple[LearnerState, Metrics]:
-        """Learn from one rollout, whose observations are raw (`Batch.normalized`).
+        """Learn from one rollout, its observations raw (`Batch.normalized`), its rewards scaled.
 
         The metrics' names are explained in `metrics`. A `loss` among them that is not finite ends
         the training's learning, as parameters do that are not.

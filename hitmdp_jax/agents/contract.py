@@ -14,7 +14,7 @@ from hitmdp_jax.tracing import difference, is_array, shown, traced
 
 OURS = {  # metrics that training itself adds
     name for name, metric in VOCABULARY.items() if metric.over_iterations == "by episodes"
-} | {"episodes", "recent_return", "recent_length", "diverged", "steps_per_second"}
+} | {"episodes", "step_reward", "recent_return", "recent_length", "diverged", "steps_per_second"}
 
 
 def check_algorithm(agent: Agent, num_envs: int, rollout_length: int) -> None:

@@ -15,6 +15,7 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.advantages import deviation, discounted_returns, generalized_advantages
 from hitmdp_jax.learning.optimization import Loss, adam, minibatch_epochs
 from hitmdp_jax.learning.rollout import Batch
+from hitmdp_jax.learning.schedules import SCHEDULES, anneal
 from hitmdp_jax.learning.surrogate import clipped_surrogate
 from hitmdp_jax.learning.value_scale import decay, rescale
 from hitmdp_jax.metrics import Metrics
@@ -30,6 +31,7 @@ class GradientAgent(Agent):
     """
 
     learning_rate: float = traced(3e-4)
+    learning_rate_schedule: str = static("constant", tuple(SCHEDULES))  # to 0 at the run's end
     adam_eps: float = traced(1e-5, positive=True)
     max_grad_norm: float = traced(0.5, infinite=True, positive=True)
     gamma: float = traced(0.99, high=1.0)
@@ -57,6 +59,13 @@ class GradientAgent(Agent):
     def _entries(self, name: str) -> Entries:
         parts = getattr(self, name, ())
         return tuple(self.task.observation.entries_of(parts).tolist()) if parts else None
+
+    def scheduled(self, progress: jax.Array) -> Self:
+        """Return the agent with its learning rate after a fraction `progress` of the run."""
+        if self.learning_rate_schedule == "constant":
+            return self
+        rate = anneal(self.learning_rate_schedule, self.learning_rate, 0.0, progress)
+        return self.replace(learning_rate=rate)
 
     @abc.abstractmethod
     def network(self) -> nn.Module:

@@ -1,6 +1,6 @@
 """MOPG: Maximum-entropy Options Policy Gradient (HiT-MDP, ICLR 2023, sec. 4 and App. F-G)."""
 
-from typing import Any
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -49,12 +49,12 @@ class MOPG(HitPolicy, ScaledAgent):
     mutual_information: str = static("none", INFORMATION)
     entropy_schedule: str = static("constant", tuple(SCHEDULES))
 
-    def scheduled(self, progress: jax.Array) -> "MOPG":
+    def scheduled(self, progress: jax.Array) -> Self:
         """Return the agent as it is after a fraction `progress` of the run (App. B.2)."""
         annealed = anneal(
             self.entropy_schedule, self.entropy_weight, self.final_entropy_weight, progress
         )
-        return self.replace(entropy_weight=annealed)
+        return super().scheduled(progress).replace(entropy_weight=annealed)
 
     def update(
         self, state: ScaledState, batch: Batch, key: jax.Array

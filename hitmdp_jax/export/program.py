@@ -173,6 +173,7 @@ def contract(program: Program, policy: Policy) -> dict[str, Any]:
         "inputs": [_described(n, x) | initial.get(n, {}) for n, x in program.inputs.items()],
         "outputs": [_described(n, x) for n, x in program.outputs.items()],
         "observation_names": list(spec.observation.names),
+        "observation_parts": [[part, list(shape)] for part, shape in spec.observation.parts],
         "action_names": list(spec.action.names),
         "action_range": None if limits is None else limits.tolist(),
         "actions_clipped": limits is not None,

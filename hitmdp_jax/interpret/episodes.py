@@ -1,6 +1,7 @@
 """Whole episodes of a policy, step by step: what figures, videos and studies read."""
 
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -103,7 +104,7 @@ def run_episodes(
             decision = _follow(policy, state.obs, option, key, deterministic)
         new_state = as_before(jax.vmap(env.step)(state, decision["action"]), state)
         coordinates = _coordinates(state.pipeline_state) if physics else {}
-        seen = decision | coordinates | _outcome(state, new_state, alive)
+        seen = decision | coordinates | _outcome(policy, state, new_state, alive)
         return (new_state, memory, alive & ~new_state.done.astype(bool)), seen
 
     start = (
@@ -194,11 +195,12 @@ def _follow(
     return in_32_bits({"action": action, "option": option, "option_probs": None})
 
 
-def _outcome(state: State, new_state: State, alive: jax.Array) -> dict[str, Any]:
+def _outcome(policy: Policy, state: State, new_state: State, alive: jax.Array) -> dict[str, Any]:
     """Return what a step saw and led to, nothing where the episode [N] has ended."""
     reached = new_state.metrics.get("success")  # so far; None of tasks without a goal
+    several = isinstance(state.obs, Mapping)
     return {
-        "obs": state.obs,
+        "obs": policy.spec.observation.flat(state.obs) if several else state.obs,
         "reward": jnp.where(alive, new_state.reward, 0.0),
         "alive": alive,
         "control_steps": jnp.where(alive, steps_taken(state, new_state), 0),

@@ -48,6 +48,7 @@ class EpisodeWindow(struct.PyTreeNode):
 def episode_metrics(outcome: Step) -> Metrics:
     """Return the means over whole episodes that ended in a rollout; NaN where none did.
 
+    `step_reward` is the mean over all steps of it, and so known before an episode has ended.
     `episode_return` is undiscounted and raw, of the stochastic training policy. What a task reports
     of its steps is their mean; what it reports of an episode (`metrics`), such as success,
     is read at the episode's end.
@@ -62,6 +63,7 @@ def episode_metrics(outcome: Step) -> Metrics:
         "episode_return": mean(outcome.episode_return),
         "episode_length": mean(outcome.episode_length),
         "episodes": count,
+        "step_reward": outcome.reward.mean(),
     } | {
         name: mean(x) if describe(name).over_iterations == "by episodes" else x.mean()
         for name, x in outcome.metrics.items()

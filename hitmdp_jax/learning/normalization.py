@@ -29,11 +29,14 @@ def update_statistics(statistics: RunningStatisticsState, obs: jax.Array) -> Run
     return in_32_bits(running_statistics.update(statistics, _as_floats(obs), std_min_value=MIN_STD))
 
 
-def normalize(obs: ArrayLike, statistics: NestedMeanStd) -> jax.Array:
+def normalize(obs: ArrayLike, statistics: NestedMeanStd | None) -> jax.Array:
     """Return observations [..., O] in units of their running mean and standard deviation.
 
     Whole numbers and booleans are numbers like any other; Brax would hand them on as they are.
+    Without statistics observations become floats and nothing else.
     """
+    if statistics is None:
+        return _as_floats(obs)
     return running_statistics.normalize(_as_floats(obs), statistics, max_abs_value=OBSERVATION_CLIP)
 
 

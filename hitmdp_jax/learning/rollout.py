@@ -50,8 +50,6 @@ class Batch(struct.PyTreeNode):
 
     def normalized(self) -> "Batch":
         """Return the rollout with its observations as the policy saw them."""
-        if self.normalizer is None:
-            return self
         return self.replace(
             obs=normalize(self.obs, self.normalizer),
             next_obs=normalize(self.next_obs, self.normalizer),
@@ -62,7 +60,7 @@ class Batch(struct.PyTreeNode):
 def collect(
     agent: Actor,
     params: Any,
-    normalizer: NestedMeanStd,
+    normalizer: NestedMeanStd | None,
     env: VectorEnv,
     state: RolloutState,
     key: jax.Array,
@@ -76,7 +74,7 @@ def collect(
     Args:
       agent: the policy.
       params: its parameters.
-      normalizer: statistics the observations are normalised with.
+      normalizer: statistics the observations are normalised with; None leaves them as they are.
       env: B environments.
       state: where the last rollout stopped.
       key: PRNG key.

@@ -69,7 +69,8 @@ class Policy(struct.PyTreeNode):
     def value(self, obs: Observed, memory: Any) -> jax.Array | None:
         """Return the expected discounted return [...] from raw observations; Raises as `act`.
 
-        None of an algorithm that does not say.
+        It is of scaled rewards where `reward_scale` is not 1, and None of an algorithm that does
+        not say.
         """
         return self.agent.value_of(self.params, self.normalized(obs), memory)
 
@@ -87,7 +88,8 @@ class Policy(struct.PyTreeNode):
                 _check_shape(f"obs['{part}']", obs[part], shape)
         else:
             _check_shape("obs", obs, seen.shape)
-        return normalize(seen.flat(obs), self.normalizer)
+        statistics = self.normalizer if self.agent.normalize_observations else None
+        return normalize(seen.flat(obs), statistics)
 
 
 def _check_shape(name: str, x: ArrayLike, shape: tuple[int, ...]) -> None:

@@ -135,12 +135,13 @@ class Program:
         rollout, batch, outcome = collect(
             agent,
             state.learner.params,
-            state.normalizer,
+            state.normalizer if agent.normalize_observations else None,
             self.env,
             self.refilled(state, key_pool),
             key_steps,
             self.rollout_length,
         )
+        batch = batch.replace(reward=agent.reward_scale * batch.reward)
         replay = in_32_bits(agent.store(state.replay, batch))
         learner, learning = in_32_bits(
             agent.update(state.learner, batch.replace(replay=replay), key_update)

@@ -11,6 +11,7 @@ import hitmdp_jax
 from hitmdp_jax.agents import AGENTS, PPOGRU
 from hitmdp_jax.agents.base import hyperparameters_of
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
+from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.errors import UsageError
 from tests.agents.option_batches import random_params
 from tests.probes import Target, spec_of_sizes
@@ -213,6 +214,58 @@ def test_actions_can_be_asked_of_every_option_at_once(agent, name):
 
     found = jax.eval_shape(means, params_of(name))
     assert found.shape == (7, getattr(agent, "num_options", 1), 2)
+
+
+PARTED = Spec(Observation((5,), parts=(("body", (3,)), ("goal", (2,)))), Box.unlimited(2))
+BLIND = [  # who reads the body alone, and what of a policy does not see the goal then
+    (("action_reads",), {"policy"}),
+    (("master_reads", "critic_reads"), {"option_probs", "value"}),  # the critic is OC's master
+]
+
+
+@pytest.mark.parametrize(("readers", "blind"), BLIND)
+def test_nothing_depends_on_what_is_not_read(name, readers, blind):
+    known = {field.name for field in hyperparameters_of(AGENTS[name])}
+    agent = AGENTS[name](hidden_sizes=(8,), activation="tanh", spec=PARTED)
+    agent = agent.replace(**dict.fromkeys(known.intersection(readers), ("body",)))
+    params = random_params(agent)
+
+    def said(obs):
+        memory = agent.initial_memory(jax.random.key(0))
+        memory = agent.act(params, obs, memory, jax.random.key(1))[1]  # an option is under way
+        return {
+            "policy": agent.policy(params, obs, jnp.ones((), jnp.int32)).mean(),
+            "option_probs": agent.option_probs(params, obs, jax.lax.stop_gradient(memory)),
+            "value": agent.value_of(params, obs, memory),
+        }
+
+    for what, slopes in compiled(jax.jacobian(said))(jnp.full(5, 0.3)).items():
+        if slopes is not None:
+            moves = np.abs(slopes.reshape(-1, 5)).max(0) > 1e-6
+            assert moves.tolist() == 3 * [True] + 2 * [what not in blind], what
+
+
+def test_parameters_are_of_what_is_read(name):
+    sizes = {
+        len(reads): sum(x.size for x in jax.tree.leaves(random_params(agent)))
+        for reads in ((), ("body",))
+        if (agent := AGENTS[name](hidden_sizes=(8,), spec=PARTED, critic_reads=reads))
+    }
+    assert sizes[0] - sizes[1] == 2 * 8
+
+
+def test_a_part_that_the_task_does_not_show_is_refused(name):
+    with pytest.raises(UsageError, match=r"observation 'gaol'; did you mean 'goal'\? Valid: body"):
+        AGENTS[name](critic_reads=["body", "gaol"]).bind(PARTED)
+    with pytest.raises(UsageError, match="action_reads = body must be a list of names"):
+        AGENTS[name](action_reads="body")
+
+
+def test_the_learning_rate_follows_its_schedule(name):
+    agent = AGENTS[name](learning_rate=2.0, learning_rate_schedule="linear")
+    assert agent.scheduled(jnp.array(0.25)).learning_rate == pytest.approx(1.5)
+    constant = AGENTS[name](learning_rate=2.0)
+    assert constant.scheduled(jnp.array(0.25)).learning_rate == 2.0
 
 
 def test_rollouts_that_do_not_divide_are_refused(agent):

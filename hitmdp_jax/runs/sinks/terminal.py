@@ -122,6 +122,9 @@ class TerminalSink(Sink):
             spread = f" ± {known.std():,.1f} over {known.size} seeds" if known.size > 1 else ""
             label = f"return of the last {RECENT_EPISODES} episodes"
             facts.append((label, f"{known.mean():,.1f}{spread}"))
+        elif "step_reward" in newest:  # of which something is known before an episode has ended
+            rewards = self._mean("step_reward")[best]
+            facts.append(("mean reward of a step", f"{rewards.mean():,.3f}"))
         if "option_steps" in newest:
             counts = [np.nansum(m["option_steps"][best], axis=0) for m in self._recent]
             steps = np.sum(counts, axis=0)
