@@ -13,6 +13,7 @@ from hitmdp_jax.learning.optimization import Loss, minibatch_epochs
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks.mlp import orthogonal
+from hitmdp_jax.networks.reads import read
 
 
 class RecurrentNetwork(PPONetwork):
@@ -34,19 +35,24 @@ class RecurrentNetwork(PPONetwork):
 
     def remember(self, memory: jax.Array, obs: jax.Array) -> jax.Array:
         """Return the memory [..., M] after an observation [..., O]."""
-        return self.cell(memory, obs)[0]
+        return self.cell(memory, read(obs, self.reads.action))[0]
 
     def read(self, obs: jax.Array, memory: jax.Array) -> tuple[Any, jax.Array]:
         """Return the policy and the value [...] of an observation and the memory after it.
 
         Both read the two beside each other: what PPO can learn without a memory is in their reach.
         """
-        return super().__call__(jnp.concatenate([obs, memory], axis=-1))
+        acting, judging = (
+            jnp.concatenate([read(obs, entries), memory], axis=-1)
+            for entries in (self.reads.action, self.reads.critic)
+        )
+        return self.decoder(acting), self.critic(judging)
 
 
 class PPOGRU(PPO):
     """PPO whose policy and critic remember the episode in the hidden state of a GRU.
 
+    What is remembered is what the action policy reads, so the critic reads that in any case.
     Memory: the hidden state [M], zeros at an episode's start. The gradient goes back through a
     rollout to the episode's start, or to the rollout's, where the state is the one that was
     remembered. A minibatch holds the whole rollouts of some environments: as many as come to
@@ -62,6 +68,7 @@ class PPOGRU(PPO):
             self.hidden_sizes,
             self.activation,
             self.initial_log_std,
+            self.reads,
             memory_size=self.memory_size,
         )
 

@@ -43,6 +43,7 @@ def test_success_is_read_at_the_end_of_episodes_and_other_reports_at_every_step(
         finished=np.array([[0, 0], [0, 0], [1, 1], [0, 0]], bool),
         episode_return=np.zeros((4, 2)),
         episode_length=np.tile([[1], [2], [3], [1]], 2),
+        reward=np.arange(8.0).reshape(4, 2),
         metrics={
             "success": np.array([[0, 0], [1, 0], [1, 0], [1, 1]], np.float32),
             "speed": np.array([[1, 2], [3, 4], [5, 6], [7, 8]], np.float32),
@@ -51,5 +52,8 @@ def test_success_is_read_at_the_end_of_episodes_and_other_reports_at_every_step(
     metrics = episode_metrics(outcome)
     assert metrics["success"] == 0.5
     assert metrics["speed"] == 4.5
+    assert metrics["step_reward"] == 3.5
     outcome.finished = np.zeros((4, 2), bool)
-    assert np.isnan(episode_metrics(outcome)["success"])
+    metrics = episode_metrics(outcome)
+    assert np.isnan(metrics["success"])
+    assert metrics["step_reward"] == 3.5
