@@ -21,6 +21,8 @@ from hitmdp_jax.precision import in_32_bits
 __all__ = ["MujocoEnv", "SolverBudget", "has_model"]
 
 Parts = Mapping[str, slice | Sequence[int]]  # of an observation: name -> where it lies in the row
+Drawn = Mapping[str, jax.Array]  # fields of the model that are an episode's own, by name
+OF_MODEL = 0x6D0DE1  # sets its key apart from all that a task splits off the episode's
 UNLIMITED = [[-np.inf], [np.inf]]  # of an actuator's control
 
 
@@ -97,13 +99,28 @@ class MujocoEnv(Env):
         """
         return {}
 
+    def sample_model(self, key: jax.Array) -> Drawn:
+        """Draw the fields of MuJoCo's MjModel that an episode has of its own, by name.
+
+        The episode keeps them (`PhysicsState.drawn`); what is not drawn is the model's. Nothing is,
+        by default. It is called domain randomization where policies are to cope with all of them.
+        """
+        return {}
+
     def reset(self, rng: jax.Array) -> State:
         """Start an episode from the task's initial distribution."""
-        return self.reset_to(*self.sample_initial(rng))
+        drawn = self.sample_model(jax.random.fold_in(rng, OF_MODEL))
+        return self.reset_to(*self.sample_initial(rng), *([drawn] if drawn else []))
 
-    def reset_to(self, qpos: jax.Array, qvel: jax.Array) -> State:
-        """Start an episode from given generalised coordinates: qpos [nq], qvel [nv]."""
-        data = self.physics.initial(qpos, qvel)
+    def reset_to(self, qpos: jax.Array, qvel: jax.Array, drawn: Drawn | None = None) -> State:
+        """Start an episode from given generalised coordinates: qpos [nq], qvel [nv].
+
+        Args:
+          qpos: positions.
+          qvel: velocities.
+          drawn: fields of the model that the episode has of its own, as `sample_model` draws them.
+        """
+        data = self.physics.initial(qpos, qvel, drawn)
         zero = jnp.zeros((), jnp.float32)
         state = State(
             pipeline_state=data,  # pyright: ignore[reportArgumentType]

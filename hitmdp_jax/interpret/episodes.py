@@ -22,6 +22,8 @@ COORDINATES = ("qpos", "qvel", "ctrl")
 OURS_ALONE = {
     "hide_velocities": False,
     "action_repeat": 1,
+    "friction_range": (1.0, 1.0),
+    "mass_range": (1.0, 1.0),
 }  # keywords that Gymnasium lacks, and where it agrees
 
 
@@ -221,7 +223,8 @@ def _gymnasium_envs(task: dict[str, Any], number: int) -> list[Any]:
     name, version = keywords.pop("name"), keywords.pop("version", "v5")
     constructor = check_env(name, version)
     for keyword, default in OURS_ALONE.items():
-        if keywords.pop(keyword, default) != default:
+        value = keywords.pop(keyword, default)
+        if (tuple(value) if isinstance(value, list) else value) != default:
             raise UsageError(f"Gymnasium has no {keyword}; use --engine native or mjx.")
     # By where it is defined: a class of someone's own may be called Ant, too.
     if not constructor.__module__.startswith("hitmdp_jax.envs.suites.gym."):

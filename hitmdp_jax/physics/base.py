@@ -2,7 +2,7 @@
 
 import abc
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import jax
@@ -15,6 +15,8 @@ from hitmdp_jax.errors import UsageError
 
 # MuJoCo calls a simulation unstable when a coordinate, velocity or acceleration exceeds this.
 MAX_VALUE = float(mujoco.mjMAXVAL)
+# Fields of a model from which `mj_setConst` derives others.
+DERIVED_FROM = frozenset(mujoco.MjModel._setconst_inputs)  # pyright: ignore
 CONTACTS = "max_contact_points"  # the number in which a model tells MJX how many it may solve for
 
 
@@ -49,6 +51,8 @@ class PhysicsState(struct.PyTreeNode):
     displacement: jax.Array  # [nq] change of qpos over the last step, at the engine's own precision
     unstable: jax.Array  # bool: MuJoCo's limits on the state were broken in the last step
     derived: dict[str, jax.Array]  # MjData field name -> its value
+    # MjModel field name -> its value in this simulation, where that is not the model's
+    drawn: dict[str, jax.Array] = struct.field(default_factory=dict)
 
     def __getitem__(self, field: str) -> jax.Array:
         """Return a derived MjData field by name."""
@@ -104,10 +108,28 @@ class Physics(abc.ABC):
         blank = mujoco.MjData(model)
         self._field_shapes = {f: np.shape(getattr(blank, f)) for f in self._fields}
 
-    def initial(self, qpos: jax.Array, qvel: jax.Array) -> PhysicsState:
-        """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there."""
+    def initial(
+        self, qpos: jax.Array, qvel: jax.Array, drawn: Mapping[str, jax.Array] | None = None
+    ) -> PhysicsState:
+        """Return the state at `qpos` [nq], `qvel` [nv] with derived fields computed there.
+
+        Args:
+          qpos: generalised positions.
+          qvel: generalised velocities.
+          drawn: fields of the model that have other values in this simulation.
+        """
         state = blank_state(self.model, qpos, qvel)
+        if drawn:
+            state = state.replace(drawn=self.complete(drawn))
         return self._forward(state) if self._fields else state
+
+    def complete(self, drawn: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """Return drawn fields with what the engine must know besides; nothing by default.
+
+        Raises:
+          UsageError: the engine has one model for all simulations.
+        """
+        return {name: jnp.asarray(x, jnp.float32) for name, x in drawn.items()}
 
     @abc.abstractmethod
     def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:

@@ -1,6 +1,7 @@
 """MuJoCo XLA: physics as a JAX program, for any device."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import jax
@@ -10,12 +11,14 @@ from mujoco import mjx
 
 from hitmdp_jax.physics.base import (
     CONTACTS,
+    DERIVED_FROM,
     Engine,
     Physics,
     PhysicsState,
     SolverBudget,
     beyond_limits,
 )
+from hitmdp_jax.physics.constants import constants_of
 from hitmdp_jax.precision import in_32_bits
 
 # MJX leaves the precision of most products to the device, of which NVIDIA's round both factors to
@@ -38,6 +41,15 @@ class MjxPhysics(Physics):
         self._mjx_model = mjx.put_model(self.model, impl=self.implementation)
         self._blank = mjx.make_data(self.model, impl=self.implementation)
 
+    @full_precision
+    def complete(self, drawn: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """Return drawn fields with what MuJoCo derives from masses."""
+        fields = super().complete(drawn)
+        if DERIVED_FROM.isdisjoint(fields):
+            return fields
+        model = _without_empty_constants(self._mjx_model).replace(**fields)
+        return fields | in_32_bits(constants_of(self.model, model))
+
     def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
         """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""
         return self._advance_from(self._blank, state.replace(ctrl=ctrl))
@@ -47,12 +59,12 @@ class MjxPhysics(Physics):
 
     @full_precision
     def _forward_from(self, blank: mjx.Data, state: PhysicsState) -> PhysicsState:
-        data = mjx.forward(_without_empty_constants(self._mjx_model), _load(blank, state))
+        data = mjx.forward(self._model_of(blank, state), _load(blank, state))
         return in_32_bits(state.replace(derived=self._read(data)))
 
     @full_precision
     def _advance_from(self, blank: mjx.Data, state: PhysicsState) -> PhysicsState:
-        model = _without_empty_constants(self._mjx_model)
+        model = self._model_of(blank, state)
 
         def substep(carry: PhysicsState, _: None) -> tuple[PhysicsState, None]:
             data = self._substep(model, _load(blank, carry))
@@ -72,6 +84,10 @@ class MjxPhysics(Physics):
             after = after.replace(derived=self._read(data))
         displacement, unstable = after.qpos - start.qpos, beyond_limits(after)
         return in_32_bits(after.replace(displacement=displacement, unstable=unstable))
+
+    def _model_of(self, blank: mjx.Data, state: PhysicsState) -> mjx.Model:
+        drawn = _in_precision_of(blank, state).drawn
+        return _without_empty_constants(self._mjx_model).replace(**drawn)
 
     def _substep(self, model: mjx.Model, data: mjx.Data) -> mjx.Data:
         data = mjx.step(model, data)

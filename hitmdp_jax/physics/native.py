@@ -41,14 +41,13 @@ class NativePhysics(Physics):
         # MuJoCo's own 0 takes every core of the machine, allowed to the process or not.
         self.num_threads = num_threads or available_cores()
         self._settings = self.frame_skip, self._fields, self._current_fields
-        self._idle: dict[int, list[Pool]] = {}
+        self._idle: dict[tuple[int, tuple[str, ...]], list[Pool]] = {}
         self._lock = threading.Lock()
         # Programs are kept in the compilation cache: the names must tell models apart.
         content = _bytes_of(self.model) + repr((*self._settings, self.num_threads)).encode()
         self._key = f"hitmdp_jax.native.{hashlib.sha256(content).hexdigest()}"
-        self._functions = {w: functools.partial(self._on_host, w) for w in ("forward", "step")}
-        for what, function in self._functions.items():
-            host_call.register(f"{self._key}.{what}", function)
+        for what in ("forward", "step"):
+            self._registered(what, ())  # before a program from the cache calls it
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy and pickle what it is made from: a pool of threads stays with its process."""
@@ -65,8 +64,10 @@ class NativePhysics(Physics):
     def _call(self, what: str, state: PhysicsState) -> PhysicsState:
         nq, nv = self.model.nq, self.model.nv
         sizes = [nq, nv, nv, nq, 1, *(int(np.prod(s)) for s in self._field_shapes.values())]
-        packed = jnp.concatenate([state.qpos, state.qvel, state.qacc_warmstart, state.ctrl])
-        out = host_call.call(f"{self._key}.{what}", packed, sum(sizes), self._functions[what])
+        drawn = [jnp.ravel(state.drawn[field]) for field in sorted(state.drawn)]
+        packed = [state.qpos, state.qvel, state.qacc_warmstart, state.ctrl, *drawn]
+        name, function = self._registered(what, tuple(sorted(state.drawn)))
+        out = host_call.call(name, jnp.concatenate(packed), sum(sizes), function)
         parts = jnp.split(out, np.cumsum(sizes)[:-1])
         state = state.replace(
             qpos=parts[0],
@@ -81,24 +82,33 @@ class NativePhysics(Physics):
         # MuJoCo warns of what it finds at the start of a substep; the last one's end is seen here.
         return in_32_bits(state.replace(unstable=(parts[4][0] > 0) | beyond_limits(state)))
 
-    def _on_host(self, what: str, rows: np.ndarray, out: np.ndarray) -> None:
-        pool = self._borrow(len(rows))
+    def _registered(self, what: str, drawn: tuple[str, ...]) -> tuple[str, host_call.RowFunction]:
+        """Return what programs call "step" or "forward" with those fields drawn, and what it is."""
+        name = ".".join([self._key, what, *drawn])
+        function = functools.partial(self._on_host, what, drawn)
+        host_call.register(name, function)
+        return name, function
+
+    def _on_host(
+        self, what: str, drawn: tuple[str, ...], rows: np.ndarray, out: np.ndarray
+    ) -> None:
+        pool = self._borrow(len(rows), drawn)
         try:
             pool.run(what, rows, out)
         finally:
             self._give_back(pool)
 
-    def _borrow(self, num_rows: int) -> Pool:
+    def _borrow(self, num_rows: int, drawn: tuple[str, ...]) -> Pool:
         """Take an idle pool of this size: devices that step at the same time get one each."""
         with self._lock:
-            idle = self._idle.setdefault(num_rows, [])
+            idle = self._idle.setdefault((num_rows, drawn), [])
             if idle:
                 return idle.pop()
-        return Pool(self.model, *self._settings, num_rows, self.num_threads)
+        return Pool(self.model, *self._settings, num_rows, self.num_threads, drawn)
 
     def _give_back(self, pool: Pool) -> None:
         with self._lock:
-            self._idle[pool.num_rows].append(pool)
+            self._idle[pool.num_rows, pool.drawn].append(pool)
 
 
 @dataclasses.dataclass(frozen=True)

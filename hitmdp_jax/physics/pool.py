@@ -6,6 +6,8 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
+from hitmdp_jax.physics.base import DERIVED_FROM
+
 # Warnings with which MuJoCo says that it found a state unstable.
 _UNSTABLE = [
     int(warning)
@@ -32,8 +34,10 @@ class Pool:
         current_fields: bool,
         num_rows: int,
         num_threads: int,
+        drawn: tuple[str, ...] = (),
     ):
         self.num_rows = num_rows
+        self.drawn = drawn  # fields of the model of which each simulation has its own
         self._frame_skip = frame_skip
         self._stage_after = _CURRENT if current_fields else _LAGGING
         self._forces = {
@@ -51,12 +55,15 @@ class Pool:
             self._forces[f] if f in self._forces else self._batch.bind(f) for f in fields
         ]
 
+        self._model = DrawnModel(self._batch, drawn)
+
     def run(self, what: str, rows: np.ndarray, out: np.ndarray) -> None:
         """Run "step" or "forward" from packed states into the packed result."""
         column = 0
         for bound in self._inputs:
             bound[:] = rows[:, column : column + bound.shape[1]]
             column += bound.shape[1]
+        self._model.write(rows[:, column:])
         qpos, qvel, warmstart, _ = self._inputs
         before = qpos.copy()
         self._batch.warning[:] = 0
@@ -90,9 +97,51 @@ class Pool:
         """
         if not self._forces:
             return
-        batch, scratch, model = self._batch, self._scratch, self._batch.model
+        batch, scratch = self._batch, self._scratch
         for row in range(self.num_rows):
             batch.get_data(row, scratch)
-            mujoco.mj_rnePostConstraint(model, scratch)
+            mujoco.mj_rnePostConstraint(self._model.of(row), scratch)
             for force, computed in self._scratch_forces:
                 force[row] = computed
+
+
+class DrawnModel:
+    """The fields of the model of which each simulation of a batch has its own.
+
+    Args:
+      batch: the simulations.
+      fields: the names of the fields, in the order of their columns.
+    """
+
+    def __init__(self, batch: Batch, fields: tuple[str, ...]):
+        self._batch = batch
+        self._fields = [batch.expand(field) for field in fields]
+        self._derives = not DERIVED_FROM.isdisjoint(fields)
+        self._written: np.ndarray | None = None
+        self._scratch = batch.get_model(0) if fields else batch.model
+
+    def write(self, rows: np.ndarray) -> None:
+        """Give each simulation its fields [N, F], and what follows from masses where they are new.
+
+        An episode's fields stay the same from step to step.
+        """
+        if not self._fields:
+            return
+        new = np.arange(len(rows))
+        if self._written is not None:
+            new = np.flatnonzero((rows != self._written).any(axis=1))
+        if not new.size:
+            return
+        column = 0
+        for field in self._fields:
+            size = int(np.prod(field.shape[1:]))
+            values = rows[new, column : column + size]
+            field[new] = values.reshape(-1, *field.shape[1:])
+            column += size
+        if self._derives:
+            self._batch.set_const(new)
+        self._written = rows.copy()
+
+    def of(self, row: int) -> mujoco.MjModel:
+        """Return the model of a simulation."""
+        return self._batch.get_model(row, self._scratch) if self._fields else self._scratch

@@ -2,8 +2,8 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, NoReturn
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 from mujoco import mjx
 
-from hitmdp_jax.errors import missing_extra
+from hitmdp_jax.errors import UsageError, missing_extra
 from hitmdp_jax.physics.base import Engine, Physics, PhysicsState, SolverBudget
 from hitmdp_jax.physics.mjx import MjxPhysics, newton_for_pgs
 
@@ -33,6 +33,13 @@ class WarpPhysics(MjxPhysics):
         """Contacts and constraints of a world, if all pairs of geoms touched that may."""
         of_one_world = mjx.make_data(self.model, impl="jax")._impl
         return of_one_world.ncon, of_one_world.nefc  # pyright: ignore
+
+    def complete(self, drawn: Mapping[str, jax.Array]) -> NoReturn:
+        """Raise UsageError: Warp has one model for all worlds."""
+        raise UsageError(
+            "physics=warp has one model for all environments: a task that draws its own in each "
+            "episode needs mjx or native."
+        )
 
     def step(self, state: PhysicsState, ctrl: jax.Array) -> PhysicsState:
         """Advance `frame_skip` substeps under the constant control `ctrl` [nu]."""

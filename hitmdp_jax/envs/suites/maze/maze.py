@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from brax.envs.base import State
 
-from hitmdp_jax.envs.base import MujocoEnv, Parts
+from hitmdp_jax.envs.base import Drawn, MujocoEnv, Parts
 from hitmdp_jax.envs.suites.maze.maps import Maze
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
@@ -63,9 +63,9 @@ class MazeEnv(MujocoEnv):
         qpos = qpos.at[POSITION].set(start).at[GOAL].set(goal)
         return qpos, jnp.zeros(self.model.nv)
 
-    def reset_to(self, qpos: jax.Array, qvel: jax.Array) -> State:
+    def reset_to(self, qpos: jax.Array, qvel: jax.Array, drawn: Drawn | None = None) -> State:
         """Start an episode from given coordinates; the goal's end both qpos [nq] and qvel [nv]."""
-        return _with_success(super().reset_to(qpos, qvel), jnp.zeros((), jnp.float32))
+        return _with_success(super().reset_to(qpos, qvel, drawn), jnp.zeros((), jnp.float32))
 
     def step(self, state: State, action: jax.Array) -> State:
         """Advance one control step; see `MujocoEnv.step`."""
