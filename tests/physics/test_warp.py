@@ -6,7 +6,8 @@ import pytest
 
 from hitmdp_jax import make_env
 from hitmdp_jax.envs.suites.gym.half_cheetah import HalfCheetah
-from hitmdp_jax.physics.warp import in_one_call
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.physics.warp import WarpPhysics, in_one_call
 
 NUM_ENVS = 256
 
@@ -80,3 +81,9 @@ def test_one_call_may_be_looped_and_compiled():
     row = in_one_call(lambda rows: rows + 1.0)
     looped = jax.jit(jax.vmap(lambda x: jax.lax.scan(lambda c, _: (row(c), None), x, length=3)[0]))
     np.testing.assert_array_equal(looped(jnp.zeros((4, 2))), np.full((4, 2), 3.0))
+
+
+def test_a_model_of_its_own_for_each_episode_is_refused():
+    """Warp has one for all worlds. Its physics need not be built for that to be said."""
+    with pytest.raises(UsageError, match="a task that draws its own in each episode needs mjx or"):
+        WarpPhysics.complete(None, {"geom_friction": None})  # pyright: ignore
