@@ -153,7 +153,7 @@ def test_what_cannot_be_saved_is_explained(states, tmp_path):
     with pytest.raises(UsageError, match="pass the TrainState"):
         hitmdp_jax.save(tmp_path / "a", AGENT, states.learner)
     swept = jax.vmap(lambda rate: AGENT.replace(learning_rate=rate))(jnp.array([1e-3, 1e-4]))
-    with pytest.raises(UsageError, match="learning_rate has 2 values"):
+    with pytest.raises(UsageError, match="reward_scale has 2 values"):
         hitmdp_jax.save(tmp_path / "b", swept, states)
     with pytest.raises(UsageError, match="is not a run's folder"):
         hitmdp_jax.load(tmp_path / "c")
