@@ -17,13 +17,16 @@ from hitmdp_jax.export.program import FORMATS, export
 from hitmdp_jax.runs.policy import Policy
 
 
+READS = {"ppo": {"action_reads": ("body",)}}  # its policy has the columns of a part alone
+
+
 @functools.cache
 def policy_of(name):
     """A policy for the pendulum whose parameters are all drawn, so that each of them matters."""
 
     @jax.jit
     def make(key):
-        agent = AGENTS[name](hidden_sizes=(8,), spec=spec_of(pendulum()))
+        agent = AGENTS[name](hidden_sizes=(8,), spec=spec_of(pendulum()), **READS.get(name, {}))
         keys = jax.random.split(key, 4)
         params = agent.init(keys[0], agent.spec).params
         leaves, structure = jax.tree.flatten(params)
@@ -200,6 +203,7 @@ def test_the_contract_says_what_a_caller_must_know():
         "observation_names": [
             "slider position", "hinge angle", "slider velocity", "hinge velocity"
         ],
+        "observation_parts": [["place", [1]], ["body", [3]]],
         "action_names": ["slide"],
         "action_range": [[-3.0], [3.0]],
         "actions_clipped": True,
