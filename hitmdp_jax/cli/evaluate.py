@@ -25,7 +25,7 @@ from hitmdp_jax.reading import read_rows
 from hitmdp_jax.runs.checkpoint import Progress
 from hitmdp_jax.runs.config import RunConfig, Task
 from hitmdp_jax.runs.folder import EVALUATIONS, alone, is_policy, write
-from hitmdp_jax.runs.host import set_up_host
+from hitmdp_jax.runs.host import set_up_host, solver_of
 from hitmdp_jax.runs.interrupt import StopRequest
 from hitmdp_jax.runs.policy import Policy, places
 from hitmdp_jax.runs.sinks.csv import kept_aside
@@ -49,7 +49,8 @@ def run(arguments: argparse.Namespace) -> None:
             raise UsageError("--choices needs an engine of JAX: one of native, mjx, warp.")
         number = number_of_options(config.make_agent())
         side_by_side = max(side_by_side, arguments.episodes * (number + WITHOUT_EACH_OPTION))
-    set_up_host(engine if engine != "gymnasium" else config.physics, side_by_side)
+    stepped = engine if engine != "gymnasium" else config.physics
+    set_up_host(solver_of(config, stepped), side_by_side)
     iteration, everyone = load_named(arguments)
     trainings = [config.trainings[place] for place in chosen]
     keys = [evaluation_key(training) for training in trainings]

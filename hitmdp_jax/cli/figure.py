@@ -28,7 +28,7 @@ from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.interpret.option_use import number_of_options
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import FIGURES
-from hitmdp_jax.runs.host import set_up_host
+from hitmdp_jax.runs.host import set_up_host, solver_of
 from hitmdp_jax.runs.metrics import read_metrics
 from hitmdp_jax.runs.policy import places
 from hitmdp_jax.video import filmstrip
@@ -100,7 +100,8 @@ def analysis_of(arguments: argparse.Namespace) -> OptionAnalysis:
     episodes = EPISODES if arguments.episodes is None else arguments.episodes
     check_episodes(episodes)
     config.task_at(1)
-    set_up_host(config.physics, episodes * (number + WITHOUT_EACH_OPTION))
+    solver = solver_of(config, config.physics)
+    set_up_host(solver, episodes * (number + WITHOUT_EACH_OPTION))
     choice = load_chosen(arguments, config)
     env = make_env(**choice.task, physics=config.physics)
     return OptionAnalysis(choice.policy, env, evaluation_key(choice.training), episodes)

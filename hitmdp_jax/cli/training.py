@@ -12,7 +12,7 @@ from hitmdp_jax.runs import processes
 from hitmdp_jax.runs.checkpoint import saved_iterations
 from hitmdp_jax.runs.claim import already_there, claim, is_finished, newest
 from hitmdp_jax.runs.config import RunConfig
-from hitmdp_jax.runs.host import set_up_host
+from hitmdp_jax.runs.host import set_up_host, solver_of
 from hitmdp_jax.runs.interrupt import InterruptedRunError
 from hitmdp_jax.runs.memory import check_run_memory
 from hitmdp_jax.runs.run import Run
@@ -52,7 +52,8 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
             check_filming(config)
         if go_on and run_dir is not None and already_there(run_dir, config):
             resume = run_dir
-    set_up_host(config.physics, config.num_envs, len(config.trainings), config.data_devices)
+    solver = solver_of(config, config.physics)
+    set_up_host(solver, config.num_envs, len(config.trainings), config.data_devices)
     processes.check_same("settings", config.to_yaml())
     if resume is not None and processes.told(lambda: is_finished(resume, config.schedule)):
         done = f"{config.schedule.env_steps:,} env steps"

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import jax
 
+from hitmdp_jax.envs.suites import find_suite
 from hitmdp_jax.envs.vector import RESET_CHUNK
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.machine import available_cores
 from hitmdp_jax.physics import find_engine
+from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.devices import num_shards
 
 THREADS_PER_CORE = 4
@@ -27,7 +29,15 @@ def present_cores() -> None:
             jax.config.update("jax_num_cpu_devices", available_cores())
 
 
-def set_up_host(physics: str, num_envs: int, trainings: int = 1, data_devices: int = 1) -> None:
+def solver_of(config: RunConfig, engine: str) -> str | None:
+    """Return the engine whose solver an engine's run steps; None where no task of it solves any."""
+    suites = [find_suite(task["name"]) for task in config.tasks]
+    return engine if any(suite is None or suite.solves for suite in suites) else None
+
+
+def set_up_host(
+    physics: str | None, num_envs: int, trainings: int = 1, data_devices: int = 1
+) -> None:
     """Present the cores as devices, keep what is compiled, and make sure that nothing hangs.
 
     `NPROC` is how many cores XLA believes in, which is how many threads each program spreads its
@@ -40,7 +50,7 @@ def set_up_host(physics: str, num_envs: int, trainings: int = 1, data_devices: i
     there are threads wait for one another for ever. Runs with batches so large get more threads.
 
     Args:
-      physics: the engine, which knows how many rows are safe (`Engine.safe_rows`).
+      physics: the engine, which knows how many rows are safe (`Engine.safe_rows`); see `solver_of`.
       num_envs: environments of each training, stepped side by side.
       trainings: trainings, spread over the cores.
       data_devices: devices that share the environments of a training.
@@ -58,7 +68,7 @@ def set_up_host(physics: str, num_envs: int, trainings: int = 1, data_devices: i
             cache = Path.home() / ".cache" / "hitmdp_jax"
             jax.config.update("jax_compilation_cache_dir", str(cache))
     rows = max(num_envs // data_devices, RESET_CHUNK) * -(-trainings // shards)
-    safe = find_engine(physics).safe_rows
+    safe = None if physics is None else find_engine(physics).safe_rows
     unsafe = safe is not None and rows > safe
     try:
         jax.config.update("jax_num_cpu_devices", devices)

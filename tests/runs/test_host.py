@@ -8,7 +8,8 @@ import jax
 import pytest
 
 from hitmdp_jax.machine import available_cores
-from hitmdp_jax.runs.host import set_up_host
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.host import set_up_host, solver_of
 
 # As many large batches of factorisations at once as wait for one another on a machine of few cores.
 FACTORISATIONS = """
@@ -78,3 +79,13 @@ def test_a_file_that_computes_at_its_import_leaves_no_run_without_the_threads_it
     out = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert int(out.stdout) == available_cores()
     assert "make the arrays in the class, or with NumPy" in out.stderr
+
+
+@pytest.mark.parametrize(
+    ("task", "solver"), [("gymnax/CartPole-v1", None), ("toy/cue", None), ("hopper", "mjx")]
+)
+def test_only_tasks_that_solve_equations_ask_for_threads(task, solver):
+    """gymnax starts JAX when it is imported, and so nothing could be set up for its tasks."""
+    config = RunConfig.from_mapping({"env": {"name": task}, "algo": {"name": "ppo"}})
+    assert solver_of(config, "mjx") == solver
+    set_up_host(solver_of(config, "mjx"), 64 if solver else 10_000)

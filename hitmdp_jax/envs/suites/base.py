@@ -36,6 +36,8 @@ class Suite:
       package: the package of Python that its tasks need beside this one's own, if any.
       extra: the extra of this package that installs it.
       own_physics: whether its tasks bring physics of their own, so that no engine is chosen.
+      solves: whether a step may solve systems of equations, as MJX's does: many of those at once
+        need more threads (`runs.host.set_up_host`).
       ours: whether the tasks are written in this package, so that `list_envs` lists them.
       folder: the package that holds the modules of `tasks`.
       tasks: the name without the prefix -> "module:Class", imported when the task is first made, so
@@ -46,6 +48,7 @@ class Suite:
     package: str | None = None
     extra: str = ""
     own_physics: bool = False
+    solves: bool = True
     ours: bool = True
     folder: str = ""
     tasks: Mapping[str, str] = dataclasses.field(default_factory=dict)

@@ -11,6 +11,7 @@ SUITE = LibrarySuite(
     package="craftax",
     extra="craftax",
     own_physics=True,
+    solves=False,
     ours=False,
     folder=__name__,
     tasks=dict.fromkeys(NAMES, "task:constructor"),

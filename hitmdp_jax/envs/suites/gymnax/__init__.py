@@ -35,6 +35,7 @@ SUITE = LibrarySuite(
     package="gymnax",
     extra="gymnax",
     own_physics=True,
+    solves=False,
     ours=False,
     folder=__name__,
     tasks=dict.fromkeys(NAMES, "task:constructor"),

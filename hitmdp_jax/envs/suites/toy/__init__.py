@@ -2,4 +2,9 @@
 
 from hitmdp_jax.envs.suites.base import Suite
 
-SUITE = Suite(prefix="toy/", folder=__name__, tasks={"turkey": "turkey:Turkey", "cue": "cue:Cue"})
+SUITE = Suite(
+    prefix="toy/",
+    folder=__name__,
+    solves=False,
+    tasks={"turkey": "turkey:Turkey", "cue": "cue:Cue"},
+)

@@ -33,6 +33,7 @@ SUITE = LibrarySuite(
     package="xminigrid",
     extra="xminigrid",
     own_physics=True,
+    solves=False,
     ours=False,
     folder=__name__,
     tasks=dict.fromkeys(NAMES, "task:constructor"),
