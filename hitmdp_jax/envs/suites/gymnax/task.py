@@ -13,6 +13,14 @@ from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.envs.spec import Action, Box, Discrete, Observation, Spec
 from hitmdp_jax.envs.suites.base import with_keywords
 
+# Observations whose numbers mean different things: the names of the numbers, and the parts.
+SHOWN = {
+    "FourRooms-misc": (
+        ("row", "column", "goal row", "goal column"),
+        (("place", (2,)), ("goal", (2,))),
+    )
+}
+
 
 class KeyedTask(Env):
     """A task of gymnax's interface behind Brax's, one episode at a time.
@@ -26,17 +34,24 @@ class KeyedTask(Env):
       params: its parameters.
       episode_length: the time limit in steps.
       action_names: of discrete actions; numbers where the library gives none.
+      shown: the names of an observation's numbers, and its parts; one part otherwise.
     """
 
     backend = "none"  # pyright: ignore[reportAssignmentType]
 
     def __init__(
-        self, task: Any, params: Any, episode_length: int, action_names: tuple[str, ...] = ()
+        self,
+        task: Any,
+        params: Any,
+        episode_length: int,
+        action_names: tuple[str, ...] = (),
+        shown: tuple[tuple[str, ...], tuple[tuple[str, tuple[int, ...]], ...]] = ((), ()),
     ):
         self.task, self.params = task, params
         self._symbols = getattr(task.observation_space(params), "n", None)
         obs: Any = jax.eval_shape(lambda key: self.start(key)[0], jax.random.key(0))
-        observation = Observation(obs.shape, obs.dtype.name)
+        names, parts = shown if obs.shape == (len(shown[0]),) else ((), ())
+        observation = Observation(obs.shape, obs.dtype.name, names, parts)
         self.spec = Spec(
             observation, action_of(task.action_space(params), action_names), episode_length
         )
@@ -121,4 +136,5 @@ def _made(name: str, own: tuple[str, ...], **keywords: Any) -> Env:
 
     task, params = make(name, **{key: x for key, x in keywords.items() if key in own})
     params = params.replace(**{key: x for key, x in keywords.items() if key not in own})
-    return KeyedTask(task, params, int(params.max_steps_in_episode))
+    length, shown = int(params.max_steps_in_episode), SHOWN.get(name, ((), ()))
+    return KeyedTask(task, params, length, shown=shown)
