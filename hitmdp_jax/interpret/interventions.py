@@ -12,9 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from brax.envs.base import Env
 from numpy.typing import ArrayLike
+from scipy import stats
 
 from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
 from hitmdp_jax.interpret.option_use import activations, number_of_options
+from hitmdp_jax.interpret.statistics import CONFIDENCE
 from hitmdp_jax.runs.policy import Policy
 
 OWN, SHUFFLED, UNIFORM, FROZEN = "own choices", "own, shuffled", "uniform choices", "first choice"
@@ -44,14 +46,12 @@ class Interventions(NamedTuple):
 class Effects(NamedTuple):
     """Mean returns under each way of choosing options, and what they differ by from the first.
 
-    Errors are standard errors; that of a difference is of pairs from the same initial state. NaN of
-    a single episode.
+    A difference is of pairs of episodes that start in the same state.
     """
 
     mean: np.ndarray  # [M]
-    error: np.ndarray  # [M]
-    difference: np.ndarray  # [M]
-    difference_error: np.ndarray  # [M]
+    difference: np.ndarray  # [M] the mean minus that of the policy's own choices
+    half_width: np.ndarray  # [M] of the difference's 95% interval (Student's t); NaN of one episode
 
 
 @jax.jit
@@ -183,15 +183,12 @@ def effects(interventions: Interventions) -> Effects:
     """Return the mean returns and their differences to the policy's own choices."""
     returns = interventions.returns.astype(float)
     difference = returns - returns[0]
-    return Effects(
-        returns.mean(axis=1), _error(returns), difference.mean(axis=1), _error(difference)
-    )
-
-
-def _error(x: np.ndarray) -> np.ndarray:
-    """Return the standard error of the mean of each row of [M, N]."""
-    n = x.shape[1]
-    return x.std(axis=1, ddof=1) / np.sqrt(n) if n > 1 else np.full(len(x), np.nan)
+    n = returns.shape[1]
+    half = np.full(len(returns), np.nan)
+    if n > 1:
+        error = difference.std(axis=1, ddof=1) / np.sqrt(n)
+        half = stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * error
+    return Effects(returns.mean(axis=1), difference.mean(axis=1), half)
 
 
 def summary(interventions: Interventions) -> dict[str, float]:
@@ -208,13 +205,11 @@ def summary(interventions: Interventions) -> dict[str, float]:
 
 def table(interventions: Interventions) -> list[list[str]]:
     """Return the interventions as rows of text, the header first."""
-    rows = [["options", "return", "std error", "minus own", "std error of it"]]
-    columns = zip(interventions.names, *effects(interventions), strict=True)
-    for i, (name, mean, error, difference, difference_error) in enumerate(columns):
-        against = (_number(difference, "+z.1f"), _number(difference_error)) if i else ("-", "-")
-        rows.append([name, _number(mean), _number(error), *against])
+    rows = [["options", "return", "minus own choices", "95% interval"]]
+    for i, (name, mean, difference, half) in enumerate(
+        zip(interventions.names, *effects(interventions), strict=True)
+    ):
+        interval = f"{difference - half:+z.1f} to {difference + half:+z.1f}"
+        against = (f"{difference:+z.1f}", "-" if np.isnan(half) else interval)
+        rows.append([name, f"{mean:z.1f}", *(against if i else ("-", "-"))])
     return rows
-
-
-def _number(x: float, spec: str = "z.1f") -> str:
-    return "-" if np.isnan(x) else format(x, spec)

@@ -7,6 +7,7 @@ import base64
 import dataclasses
 import functools
 import math
+import shlex
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -25,6 +26,7 @@ from hitmdp_jax.interpret.perturbation import sentences
 from hitmdp_jax.interpret.returns import final_returns, headline, median_speed
 from hitmdp_jax.interpret.statistics import number_text, rounding
 from hitmdp_jax.interpret.summary import rank
+from hitmdp_jax.interpret.verdict import episodes_needed, verdict
 from hitmdp_jax.report.interactive import chart, explorer, learning_curves
 from hitmdp_jax.report.page import Parts, drawing, heading, page, preformatted, table, text
 from hitmdp_jax.runs.config import RunConfig
@@ -61,13 +63,16 @@ class RunReport:
             section.value: functools.partial(self.options, section) for section in registry.Section
         }
         sections = {
+            "In short": self.verdict,
+            "Video": self.film,
             "What was run": self.summary,
             "What it learned": self.learning,
             **of_options,
-            "Video": self.film,
             "Settings": self.settings,
         }
-        return page(self.config.title, f"What is said of options is of {shown.name}.", sections)
+        several = self.config.algo.get("num_options", 1) > 1
+        subtitle = f"What is said of options is of {shown.name}." if several else ""
+        return page(self.config.title, subtitle, sections)
 
     @functools.cached_property
     def metrics(self) -> dict[str, np.ndarray]:
@@ -82,6 +87,21 @@ class RunReport:
         return metrics
 
     @functools.cached_property
+    def best(self) -> tuple[str, dict[str, np.ndarray]]:
+        """The name and the metrics of a sweep's best setting; of another run "" and its own."""
+        if not self.config.sweep:
+            return "", self.metrics
+        name = next(iter(rank(self.config, self.metrics)))
+        return name, by_setting(self.config, self.metrics)[name]
+
+    @property
+    def headline(self) -> tuple[str, str]:
+        """What the run returned: what the number is of, and the number."""
+        setting, metrics = self.best
+        name, score = headline(metrics, self.config.switch_at)
+        return name + f", of the best setting, {setting}" * bool(setting), score
+
+    @functools.cached_property
     def analysis(self) -> OptionAnalysis:
         """What the policy's options do."""
         return self.analyse()
@@ -93,20 +113,39 @@ class RunReport:
         metrics = {name: x[i : i + 1] for name, x in self.metrics.items()}
         return RunMetrics(config.title, metrics, config.algo["name"], config.switch_at)
 
+    def verdict(self) -> Parts:
+        """Say what the run returned, whether its options matter, and what to do next."""
+        name, score = self.headline
+        yield text(f"{name}: {score}.")
+        try:
+            analysis = self.analysis
+            analysis.check_several_options()
+        except UsageError:
+            return  # there is nothing to choose between
+        for sentence in (
+            *verdict(analysis.interventions),
+            interventions.alike(analysis.divergence),
+        ):
+            yield text(sentence)
+        needed = episodes_needed(analysis.interventions)
+        run_dir = str(self.run_dir)
+        if needed:
+            yield text("Next, record as many episodes as should tell:")
+            yield preformatted(shlex.join(["hitmdp", "report", run_dir, "--episodes", str(needed)]))
+        else:
+            yield text("Next, ask the same of every seed:")
+            yield preformatted(shlex.join(["hitmdp", "evaluate", run_dir, "--choices"]))
+
     def summary(self) -> Parts:
         """Say what was run, with what, and how it ended."""
-        config, metrics = self.config, self.metrics
-        trainings, steps = len(config.trainings), int(metrics["env_steps"].max())
+        config = self.config
+        trainings, steps = len(config.trainings), int(self.metrics["env_steps"].max())
         done = f"{steps:,} of {config.schedule.env_steps:,}"
         done += f", of each of {trainings} trainings" if trainings > 1 else ""
         if config.sweep:
             done += f": {config.seeds} seeds of each of {len(config.settings)} settings"
-            best = next(iter(rank(config, metrics)))
-            metrics = by_setting(config, metrics)[best]
-        name, score = headline(metrics, config.switch_at)
-        if config.sweep:
-            name += f", of the best setting, {best}"
-        returns = final_returns(metrics, config.switch_at)
+        name, score = self.headline
+        returns = final_returns(self.best[1], config.switch_at)
         each = ", ".join(number_text(x, rounding(returns, fewer=1)) for x in returns)
         minutes = steps / median_speed(self.metrics) / 60
         time = f"about {minutes:.0f} minutes" if minutes >= 1.5 else "about a minute"
@@ -165,12 +204,12 @@ class RunReport:
 
     def film(self) -> Parts:
         """Show how an episode begins, the active option around it and as a strip below."""
-        yield text("The beginning of the first recorded episode.")
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "video.mp4"
             self.video(path)
             encoded = base64.b64encode(path.read_bytes()).decode()
         yield Markup('<video controls src="data:video/mp4;base64,{}"></video>').format(encoded)
+        yield text("The beginning of the first recorded episode.")
 
     def settings(self) -> Parts:
         """Quote every setting."""

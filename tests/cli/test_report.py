@@ -9,6 +9,8 @@ import pytest
 from tests.cli.conftest import QUICK
 
 SECTIONS = (
+    "In short",
+    "Video",
     "What was run",
     "What it learned",
     "Options while it learned",
@@ -16,7 +18,6 @@ SECTIONS = (
     "Do the options differ, and do they matter?",
     "What an embedding means",
     "Where each option acts",
-    "Video",
     "Settings",
 )
 
@@ -50,7 +51,7 @@ def test_a_run_ends_with_its_page_which_says_what_is_left_out(command, tmp_path)
     result = command("train", *settings)
     assert result.returncode == 0, result.stderr
     content = (run_dir / "report.html").read_text()
-    titles = ("What was run", "What it learned", "Video", "Settings", "Left out")
+    titles = ("In short", "Video", "What was run", "What it learned", "Settings", "Left out")
     assert sections_of(content) == titles
     (reason,) = re.findall(r"<li>When each option acts; .*: (.*)</li>", content)
     assert reason == "PPO has no options to look into."

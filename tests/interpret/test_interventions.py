@@ -128,18 +128,21 @@ RETURNS = np.array([[1.0, 3.0, 5.0], [2.0, 5.0, 8.0]])
 def test_effects_pair_the_episodes():
     found = effects(Interventions(("own choices", "option 0"), RETURNS, RETURNS))
     np.testing.assert_allclose(found.mean, [3, 5])
-    np.testing.assert_allclose(found.error, [2 / 3**0.5, 3 / 3**0.5])
     np.testing.assert_allclose(found.difference, [0, 2])
-    np.testing.assert_allclose(found.difference_error, [0, 1 / 3**0.5])  # of 1, 2 and 3
+    # Of the differences 1, 2 and 3: Student's t of two degrees of freedom, as tables have it.
+    np.testing.assert_allclose(found.half_width, [0, 4.303 / 3**0.5], rtol=1e-4)
 
 
 @pytest.mark.parametrize(
     ("episodes", "row"),
-    [(3, ["option 0", "5.0", "1.7", "+2.0", "0.6"]), (1, ["option 0", "2.0", "-", "+1.0", "-"])],
+    [
+        (3, ["option 0", "5.0", "+2.0", "-0.5 to +4.5"]),
+        (1, ["option 0", "2.0", "+1.0", "-"]),
+    ],
 )
 def test_the_table_measures_against_own_choices(episodes, row):
     returns = RETURNS[:, :episodes]
     header, own, other = table(Interventions(("own choices", "option 0"), returns, returns))
-    assert header == ["options", "return", "std error", "minus own", "std error of it"]
-    assert own[3:] == ["-", "-"]
+    assert header == ["options", "return", "minus own choices", "95% interval"]
+    assert own[2:] == ["-", "-"]
     assert other == row

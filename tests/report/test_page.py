@@ -13,6 +13,8 @@ from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.experiments.pages import comparison_page
 from hitmdp_jax.figures.embeddings import limit_of_changes
+from hitmdp_jax.interpret.interventions import alike
+from hitmdp_jax.interpret.verdict import episodes_needed, verdict
 from hitmdp_jax.report.interactive import explorer
 from hitmdp_jax.report.page import drawing
 from hitmdp_jax.report.run_report import RunReport
@@ -48,7 +50,7 @@ def headings(page):
 def test_of_a_single_option_is_shown_what_it_has_to_show(tmp_path):
     page = page_of(tmp_path, 1, seeds=1)
     assert headings(page) == [
-        "What was run", "What it learned",
+        "In short", "What was run", "What it learned",
         "Options while it learned", "How long options last, and how they share the steps",
         "When each option acts", "Which options are active",
         "What an embedding means", "Embeddings W and their cosine similarities",
@@ -57,6 +59,8 @@ def test_of_a_single_option_is_shown_what_it_has_to_show(tmp_path):
     ]  # fmt: skip
     assert "<li>Do the options differ, and do they matter?: The policy has one option.</li>" in page
     assert "<li>Video: no luck.</li>" in page
+    assert "<p>return of all 2,048 steps: 7.00.</p>" in page
+    assert "What is said of options" not in page
     assert "95% interval" not in page
     assert "<td>return of all 2,048 steps</td>" in page
 
@@ -69,6 +73,13 @@ def test_several_options_and_seeds_have_the_rest(tmp_path):
         "How far the options' actions are apart",
     } < {html.unescape(heading) for heading in headings(page)}
     assert "attention" not in page
+    assert "What is said of options is of seed 0." in page
+    in_short = re.search('<section id="in-short">(.*?)</section>', page, re.DOTALL).group(1)
+    known = analysis_of_embeddings(9)
+    for sentence in (*verdict(known.interventions), alike(known.divergence)):
+        assert f"<p>{html.escape(sentence)}</p>" in in_short
+    assert episodes_needed(known.interventions) is None
+    assert f"<pre>hitmdp evaluate {tmp_path} --choices</pre>" in in_short
     assert "practically nothing" in page
     assert "each of 2 trainings" in page
     assert "7.00 (interquartile mean of 2 seeds)" in page
