@@ -11,6 +11,7 @@ from hitmdp_jax.errors import unknown_name
 from hitmdp_jax.experiments import experiment as catalogue
 from hitmdp_jax.experiments import published, results_figure
 from hitmdp_jax.experiments.experiment import Experiment
+from hitmdp_jax.experiments.forest import forest
 from hitmdp_jax.experiments.results_page import page, shown
 from hitmdp_jax.figures.curves import save
 from hitmdp_jax.runs.folder import made, write
@@ -69,6 +70,8 @@ def tell(experiments: Mapping[str, Experiment], places: Places, trust: bool = Fa
         tasks = [task for experiment in experiments.values() for task in experiment.tasks]
         cells = read_cells(places.results, tasks, trust)
     made(places.page.parent)
+    if places.ours and (drawn := forest(experiments, cells)):
+        save(drawn, places.results / "forest.png", dpi=100)
     pictures = {}
     for name, experiment in experiments.items():
         path = places.results / f"{name}.png"

@@ -3,11 +3,13 @@
 import itertools
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from hitmdp_jax.experiments.experiment import Experiment
 from hitmdp_jax.experiments.published import BOTH, Cell, Cells
 from hitmdp_jax.experiments.tables import Rows, markdown
 from hitmdp_jax.interpret.comparison import table
-from hitmdp_jax.interpret.statistics import mean_improvement, with_interval
+from hitmdp_jax.interpret.statistics import bootstrap_interval, mean_improvement, with_interval
 from hitmdp_jax.interpret.summary import EPISODES, Summary
 from hitmdp_jax.training.sweep import PREFIX
 
@@ -151,16 +153,36 @@ def all_tasks(experiment: Experiment, cells: Cells) -> Rows:
     for arm in experiment.arms:
         if control is None or arm == control:
             continue
-        tasks = [here for here in cells.values() if {arm, control, first} <= here.keys()]
+        tasks = tasks_of(experiment, cells, arm, control, first)
         if len(tasks) < 2:
             continue
-        ours = "" if arm == first else _improvement(tasks, first, arm)
+        ours = "" if arm == first else _told(tasks, first, arm)
         counts = sorted({len(here[arm].summary.returns) for here in tasks})
         seeds = " or ".join(map(str, counts))
-        rows.append([arm, str(len(tasks)), seeds, _improvement(tasks, arm, control), ours])
+        rows.append([arm, str(len(tasks)), seeds, _told(tasks, arm, control), ours])
     return rows
 
 
-def _improvement(tasks: Sequence[Mapping[str, Cell]], arm: str, other: str) -> str:
-    pairs = [here[name].summary.returns for here in tasks for name in (arm, other)]
-    return with_interval(mean_improvement, *pairs, spec=".2f", arms=2)
+def tasks_of(experiment: Experiment, cells: Cells, *arms: str) -> list[Mapping[str, Cell]]:
+    """Return the cells of an experiment's tasks, by arm, on which all of these arms were run."""
+    here = (cells.get(task, {}) for task in experiment.tasks)
+    return [known for known in here if {*arms} <= known.keys()]
+
+
+def improvement(
+    tasks: Sequence[Mapping[str, Cell]], arm: str, other: str
+) -> tuple[float, float, float]:
+    """Return the probability that a seed of an arm beats one of another, mean over tasks.
+
+    Its 95% interval's ends follow; NaN of few seeds.
+    """
+    pairs = _pairs(tasks, arm, other)
+    return float(mean_improvement(*pairs)), *bootstrap_interval(mean_improvement, *pairs, arms=2)
+
+
+def _told(tasks: Sequence[Mapping[str, Cell]], arm: str, other: str) -> str:
+    return with_interval(mean_improvement, *_pairs(tasks, arm, other), spec=".2f", arms=2)
+
+
+def _pairs(tasks: Sequence[Mapping[str, Cell]], arm: str, other: str) -> list[np.ndarray]:
+    return [here[name].summary.returns for here in tasks for name in (arm, other)]
