@@ -9,10 +9,19 @@ from omegaconf import OmegaConf
 
 from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.cli.tasks import store_tasks
-from hitmdp_jax.envs import check_env, suite_names
+from hitmdp_jax.envs import check_env, list_envs
+
+# One of each; asking a library for the keywords of all of its tasks takes long.
+OF_LIBRARIES = (
+    "brax/ant",
+    "gymnax/FourRooms-misc",
+    "xminigrid/MiniGrid-Empty-5x5",
+    "craftax/Craftax-Symbolic-v1",
+    "playground/CheetahRun",
+)
 
 
-@pytest.mark.parametrize("name", suite_names())
+@pytest.mark.parametrize("name", [*list_envs(), *OF_LIBRARIES])
 def test_a_task_is_stored_with_the_defaults_of_its_constructor(name):
     assert name in store_tasks()
     node = OmegaConf.to_container(ConfigStore.instance().load(f"env/{name}.yaml").node)

@@ -10,9 +10,8 @@ from hitmdp_jax.agents.base import hyperparameters_of
 from hitmdp_jax.cli import cells, flags
 from hitmdp_jax.cli.arms import named
 from hitmdp_jax.cli.settings import Settings
-from hitmdp_jax.envs import check_env
+from hitmdp_jax.envs import check_env, list_envs
 from hitmdp_jax.envs.keywords import parameters_of
-from hitmdp_jax.envs.suites import suite_names
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.experiments import experiment as catalogue
 from tests.docs.pages import ROOT, commands, pages, spans
@@ -99,7 +98,8 @@ def test_the_manual_has_commands_of_every_kind():
 
 def test_every_setting_that_the_manual_names_exists():
     known = set(Settings([]).names([])) | set(Settings([]).groups) | NAMES | OTHERS
-    keywords = {name for task in suite_names() for name in parameters_of(check_env(task))}
+    tasks = (*list_envs(), "brax/ant", "gymnax/FourRooms-misc")  # of other libraries, examples
+    keywords = {name for task in tasks for name in parameters_of(check_env(task))}
     known |= keywords | {f"env.{name}" for name in keywords}
     known |= {"env.keyword", "env.friction"}  # which stand for any, and for one of a reader's own
     for page, text in PAGES.items():
