@@ -16,7 +16,6 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.export.program import FORMATS, export
 from hitmdp_jax.runs.policy import Policy
 
-
 READS = {"ppo": {"action_reads": ("body",)}}  # its policy has the columns of a part alone
 
 
