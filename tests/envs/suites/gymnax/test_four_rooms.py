@@ -10,6 +10,7 @@ import pytest
 
 from hitmdp_jax import make_env, train
 from hitmdp_jax.agents import MOPG, PPO
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.interpret.episodes import run_episodes
 from hitmdp_jax.runs.policy import Policy
 from tests.envs.suites.gymnax.four_rooms import CELLS, MAP, STEPS, transitions, values
@@ -71,7 +72,7 @@ def test_the_place_and_the_goal_are_parts_of_the_observation(env):
     now = state.pipeline_state
     np.testing.assert_array_equal(state.obs[observation.entries_of(["place"])], now.pos)
     np.testing.assert_array_equal(state.obs[observation.entries_of(["goal"])], GOAL)
-    seen = make_env("gymnax/FourRooms-misc", use_visual_obs=True).spec.observation
+    seen = spec_of(make_env("gymnax/FourRooms-misc", use_visual_obs=True)).observation
     assert seen.size == 13 * 13 * 2
 
 
