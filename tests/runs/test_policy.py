@@ -3,6 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import yaml
+from brax.training.acme.running_statistics import NestedMeanStd
 
 import hitmdp_jax
 from hitmdp_jax.agents import AGENTS, MOPG, PPO
@@ -12,7 +13,7 @@ from hitmdp_jax.learning.rollout import RolloutState, collect
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
 from hitmdp_jax.runs.policy import Policy, load_all
 from hitmdp_jax.runs.saving import extract
-from tests.probes import Target, untrained
+from tests.probes import Target, spec_of_sizes, untrained
 
 SIZES = {"num_steps": 128, "num_envs": 8, "rollout_length": 16}
 AGENT = MOPG(num_epochs=1, num_options=3, learning_rate=1e-3)
@@ -207,3 +208,12 @@ def test_a_policy_says_its_options_and_what_it_expects(saved):
     assert probs.sum() == pytest.approx(1.0)
     every = [policy.agent.q(policy.params, policy.normalized(obs), jnp.int32(k)) for k in range(3)]
     assert value == pytest.approx(float(probs @ jnp.stack(every)), rel=1e-4, abs=1e-6)
+
+
+def test_a_policy_of_raw_observations_sees_them_as_they_are():
+    agent = PPO(hidden_sizes=(2,), normalize_observations=False, spec=spec_of_sizes(2, 1))
+    statistics = NestedMeanStd(np.ones(2, np.float32), np.full(2, 3.0, np.float32))
+    policy = Policy(agent, {}, statistics)
+    np.testing.assert_array_equal(policy.normalized(np.array([70, -2])), [70.0, -2.0])
+    usual = policy.replace(agent=agent.replace(normalize_observations=True))
+    np.testing.assert_allclose(usual.normalized(np.array([70, -2])), [10.0, -1.0])  # clipped

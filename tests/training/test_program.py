@@ -335,3 +335,36 @@ def test_iterations_cover_the_steps():
 def test_sizes_that_do_not_fit_are_explained(sizes, sentence):
     with pytest.raises(UsageError, match=sentence):
         hitmdp_jax.make_train(MOPG(), Target(), num_steps=10, **sizes)
+
+
+class Noting(PPO):
+    """PPO that tells what its update saw: the mean reward and the mean of the first entry."""
+
+    def update(self, state, batch, key):
+        state, metrics = super().update(state, batch, key)
+        seen = batch.normalized().obs[..., 0].mean()
+        return state, metrics | {"seen_reward": batch.reward.mean(), "seen": seen}
+
+
+@pytest.mark.parametrize("normalize", [True, False])
+def test_rewards_are_scaled_and_observations_left_raw_for_learning_alone(normalize):
+    """`Counter` pays 1 a step and observes the steps of its episode so far, 0 to 4."""
+    agent = Noting(num_epochs=1, hidden_sizes=(8,), normalize_observations=normalize)
+    init, step = hitmdp_jax.make_train(
+        agent, Counter(), num_steps=256, num_envs=8, rollout_length=16
+    )
+
+    @jax.jit
+    def train(scale):
+        state = init(jax.random.key(0), {"reward_scale": scale})
+        return jax.lax.scan(lambda state, _: step(state), state, length=2)
+
+    state, metrics = train(jnp.float32(0.1))
+    np.testing.assert_allclose(metrics["step_reward"], 1.0)
+    np.testing.assert_allclose(metrics["seen_reward"], 0.1, rtol=1e-6)
+    np.testing.assert_allclose(metrics["recent_return"][-1], 5.0)
+    raw = float(state.normalizer.mean[0])
+    assert 1.5 < raw < 2.5
+    first, second = metrics["seen"]
+    assert first == pytest.approx(raw, abs=0.3)  # of nothing seen yet, the mean is taken for 0
+    assert second == pytest.approx(0.0 if normalize else raw, abs=0.3)

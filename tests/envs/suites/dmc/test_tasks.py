@@ -117,3 +117,13 @@ def test_initial_states_are_the_suites(domain):
     number = {"num_draws": 1000, "num_ours": NUM_SETTLED} if domain == "cheetah" else {}
     env, oracle = make_env(name, physics="native"), SuiteTask(*TASKS[name])
     assert_initial_states_agree(env, oracle, **({"num_draws": 2000} | number))
+
+
+@pytest.mark.parametrize(
+    ("name", "part", "places"),
+    [("cartpole_balance", "place", [0]), ("reacher_easy", "goal", [2, 3])],
+)
+def test_tasks_name_the_parts_of_what_they_show(name, part, places):
+    seen = make_env(f"dmc/{name}", physics="native").spec.observation
+    np.testing.assert_array_equal(seen.entries_of([part]), places)
+    assert {part, "body"} == {known for known, _ in seen.parts}
