@@ -16,6 +16,7 @@ from rich.table import Table
 
 from hitmdp_jax import plugins
 from hitmdp_jax.cli.policies import evaluation_key, load_config, load_named
+from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.interpret.evaluation import Scores, check_request, score_each, task_env
 from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, summary
@@ -31,6 +32,7 @@ from hitmdp_jax.runs.policy import Policy, places
 from hitmdp_jax.runs.sinks.csv import kept_aside
 from hitmdp_jax.training.sweep import PREFIX, Training
 
+OWN = "own"  # in the column `engine`: a task that brings its own physics
 COLUMNS: tuple[str, ...] = (
     "iteration", "task", "seed", "engine", "episodes", "deterministic",
     "return", "std", "min", "max", "std_error", "length",
@@ -57,7 +59,8 @@ def run(arguments: argparse.Namespace) -> None:
     policies, task = everyone.of(np.array(chosen)), config.task_at(iteration)
     deterministic = arguments.deterministic
     scores = score_each(policies, task, engine, arguments.episodes, keys, deterministic)
-    rows = rows_of(scores, iteration, task, trainings, engine, deterministic)
+    simulator = simulated_by(task, engine)
+    rows = rows_of(scores, iteration, task, trainings, simulator, deterministic)
     choices = []
     if arguments.choices:
         env = task_env(task, engine)
@@ -68,9 +71,15 @@ def run(arguments: argparse.Namespace) -> None:
         both = itertools.zip_longest(rows, choices, fillvalue={})
         print(json.dumps([entry | choice for entry, choice in both], indent=2))
     else:
-        title = f"{plugins.label(task['name'])} in {engine}"
+        where = "its own physics" if simulator == OWN else simulator
+        title = f"{plugins.label(task['name'])} in {where}"
         _show(title, list(trainings[0].columns), rows, choices)
     _note(arguments.run_dirs[0], rows)
+
+
+def simulated_by(task: Task, engine: str) -> str:
+    """Return what simulated a task: the engine, or `OWN` where the task brings its own physics."""
+    return engine if engine == "gymnasium" or has_model(task_env(task, engine)) else OWN
 
 
 def _show(
@@ -186,7 +195,8 @@ class Evaluation:
         ]
         task = config.task_at(progress.iteration)
         scores = score_each(everyone, task, config.physics, config.eval_episodes, keys, True)
-        rows = rows_of(scores, progress.iteration, task, config.trainings, config.physics, True)
+        engine = simulated_by(task, config.physics)
+        rows = rows_of(scores, progress.iteration, task, config.trainings, engine, True)
         _note(self._run_dir, rows)
         return {"evaluation_return": np.array([entry["return"] for entry in rows])}
 

@@ -112,8 +112,8 @@ def report(
         from hitmdp_jax.cli.video import check_filming
         from hitmdp_jax.video.film import write_video
 
-        check_filming(config)
         _, env = policy_and_env()
+        check_filming(env, config.tasks[-1]["name"])
         shown = recorded()
         beginning = shown.alive & (np.arange(len(shown.alive)) < FILMED)[:, None]
         write_video(path, env, shown.replace(alive=beginning), episodes=[0], size=PIXELS)

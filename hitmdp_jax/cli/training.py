@@ -46,10 +46,6 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
         config = run_config(values)
         config.check_installed()
         check_run_memory(config)
-        if config.video_every:
-            from hitmdp_jax.cli.video import check_filming
-
-            check_filming(config)
         if go_on and run_dir is not None and already_there(run_dir, config):
             resume = run_dir
     solver = solver_of(config, config.physics)
@@ -60,6 +56,11 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
         print(f"{run_dir} is finished: {done}. A larger total_steps goes on.")
         return 0
     run = Run.create(config)  # or say why not, before a folder is made
+    if config.video_every and resume is None:
+        from hitmdp_jax.cli.video import check_filming
+
+        for env, task in zip(run.envs, config.tasks, strict=True):
+            check_filming(env, task["name"])
     if resume is None:
         run_dir = Path(processes.told(lambda: str(claim(run_dir, config, overwrite))))
     assert run_dir is not None

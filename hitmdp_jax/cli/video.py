@@ -19,8 +19,8 @@ from hitmdp_jax.cli.policies import (
     load_config,
     output,
 )
-from hitmdp_jax.envs import check_env, make_env
-from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs import engine_for, make_env
+from hitmdp_jax.envs.drawing import can_be_drawn, model_of
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.figures.curves import pixels, save
 from hitmdp_jax.interpret.episodes import run_episodes
@@ -47,7 +47,6 @@ def run(arguments: argparse.Namespace) -> None:
     config = load_config(arguments)
     engine = config.physics if arguments.engine is None else arguments.engine
     find_engine(engine).check()
-    check_filming(config)
     set_up_host(engine, arguments.episodes)
     choice = load_chosen(arguments, config)
     path = output(arguments, VIDEOS, f"{choice.name}.mp4")
@@ -55,6 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
     strip = path.with_suffix(".png")
     check_output(path, strip)
     env: Any = make_env(**choice.task, physics=engine)
+    check_filming(env, choice.task["name"])
     check_fit(choice.policy, env)
     key = evaluation_key(choice.training)
     how = {"deterministic": arguments.deterministic, "physics": True}
@@ -71,19 +71,23 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"Saved {path}, and {strip.name} beside it.")
 
 
-def check_filming(config: RunConfig) -> None:
-    """Check, before anything is compiled, that a run's tasks can be filmed on this machine.
+def check_filming(env: Any, name: str) -> None:
+    """Check, before anything is compiled, that a task can be filmed on this machine.
+
+    Args:
+      env: the task.
+      name: as the settings have it.
 
     Raises:
       UsageError: saying what is missing.
     """
-    for task in config.tasks:
-        constructor = check_env(**task)
-        if not isinstance(constructor, type) or not issubclass(constructor, MujocoEnv):
-            name = plugins.label(task["name"])
-            raise UsageError(f"{name} cannot be filmed: it has no MuJoCo model.")
+    if not can_be_drawn(env):
+        raise UsageError(
+            f"{plugins.label(name)} cannot be filmed: it has no MuJoCo model and no method draw."
+        )
     require_ffmpeg()
-    check_drawing()
+    if model_of(env) is not None:
+        check_drawing()
 
 
 class Videos:
@@ -104,6 +108,7 @@ class Videos:
     def __init__(self, config: RunConfig, run_dir: Path):
         self.every = config.video_every
         self._settings, self._run_dir = config.to_yaml(), run_dir
+        self._engine = engine_for(config.tasks[0]["name"], ENGINE)
         self._process: subprocess.Popen[bytes] | None = None
         self._copy = tempfile.TemporaryDirectory(prefix="hitmdp_jax_")
 
@@ -141,7 +146,7 @@ class Videos:
         command = [sys.executable, "-m", "hitmdp_jax", "video", str(copy), "--out", str(out)]
         with (copy / ERRORS).open("w") as errors:
             self._process = subprocess.Popen(
-                [*command, "--trust", "--episodes=1", f"--engine={ENGINE}", "--tensorboard"],
+                [*command, "--trust", "--episodes=1", f"--engine={self._engine}", "--tensorboard"],
                 env=os.environ | {"JAX_PLATFORMS": "cpu"},
                 stdout=subprocess.DEVNULL,
                 stderr=errors,

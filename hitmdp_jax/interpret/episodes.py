@@ -12,9 +12,9 @@ from flax import struct
 
 from hitmdp_jax.envs import check_env
 from hitmdp_jax.envs.action_repeat import action_repeat_of, steps_taken
+from hitmdp_jax.envs.drawing import draws_itself, model_of
 from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.physics import PhysicsState
 from hitmdp_jax.precision import as_before, in_32_bits
 from hitmdp_jax.runs.policy import Policy
 
@@ -50,6 +50,7 @@ class Trajectories(struct.PyTreeNode):
     qpos: jax.Array | None = None  # [T, N, nq]
     qvel: jax.Array | None = None  # [T, N, nv]
     ctrl: jax.Array | None = None  # [T, N, nu]
+    state: Any = None  # [T, N, ...] likewise the whole state of a task that draws itself
 
     @property
     def truncated(self) -> jax.Array:
@@ -91,10 +92,11 @@ def run_episodes(
       options: [T, N] int, those to follow instead of the policy's own choices. Actions are drawn
         from its P(a | s, o) by the same keys: under its own choices it repeats its own episode.
       deterministic: take the likeliest option and action instead of sampling.
-      physics: record the generalised coordinates and controls too.
+      physics: record what pictures need too: the generalised coordinates and controls, or the
+        whole states of a task that draws itself.
 
     Raises:
-      UsageError: `physics` is asked for where the task has no MuJoCo state.
+      UsageError: `physics` is asked for where a task has no MuJoCo state and does not draw itself.
     """
     key_reset, key_memory, key_steps = jax.random.split(key, 3)
 
@@ -105,8 +107,8 @@ def run_episodes(
         else:
             decision = _follow(policy, state.obs, option, key, deterministic)
         new_state = as_before(jax.vmap(env.step)(state, decision["action"]), state)
-        coordinates = _coordinates(state.pipeline_state) if physics else {}
-        seen = decision | coordinates | _outcome(policy, state, new_state, alive)
+        pictured = _pictured(env, state) if physics else {}
+        seen = decision | pictured | _outcome(policy, state, new_state, alive)
         return (new_state, memory, alive & ~new_state.done.astype(bool)), seen
 
     start = (
@@ -210,9 +212,14 @@ def _outcome(policy: Policy, state: State, new_state: State, alive: jax.Array) -
     }
 
 
-def _coordinates(data: Any) -> dict[str, jax.Array]:
-    if not isinstance(data, PhysicsState):
+def _pictured(env: Env, state: State) -> dict[str, Any]:
+    """Return what of a state pictures are made from."""
+    if draws_itself(env):
+        return {"state": state}
+    if model_of(env) is None:
         raise UsageError("This task has no MuJoCo state to record; use physics=False.")
+    data = getattr(state, "data", None)  # Playground's word
+    data = state.pipeline_state if data is None else data
     return {name: getattr(data, name) for name in COORDINATES}
 
 

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from brax.envs.base import Env
 
-from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.drawing import can_be_drawn
 from hitmdp_jax.envs.spec import Spec, spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret import option_use
@@ -73,8 +73,8 @@ class OptionAnalysis:
 
     @functools.cached_property
     def trajectories(self) -> Trajectories:
-        """The policy's own episodes, [T, N, ...]; with their physics where the task has a model."""
-        how = {"deterministic": self.deterministic, "physics": isinstance(self.env, MujocoEnv)}
+        """The policy's own episodes, [T, N, ...]; with what pictures need where it can be drawn."""
+        how = {"deterministic": self.deterministic, "physics": can_be_drawn(self.env)}
         return jax.device_get(run_episodes(self.policy, self.env, self.key, self.episodes, **how))
 
     @functools.cached_property

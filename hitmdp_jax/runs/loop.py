@@ -183,10 +183,11 @@ def title(run: Run) -> str:
     """Return the line that says what runs, and where something would be faster."""
     config, env, devices = run.config, run.envs[0], run.mesh.devices.ravel()
     on_cpu = devices[0].platform == "cpu"
-    physics = getattr(env, "backend", "of its own")  # Brax's word, which not all tasks know
+    physics = getattr(env, "backend", "none")  # Brax's word, which not all tasks know
+    simulated = "" if physics == "none" else f"physics {physics} "
     parts = [
         config.title,
-        f"physics {physics} on {len(devices)} × {'CPU' if on_cpu else devices[0].device_kind}"
+        f"{simulated}on {len(devices)} × {'CPU' if on_cpu else devices[0].device_kind}"
         + (f" in {jax.process_count()} processes" if processes.several() else ""),
         f"{config.num_envs} envs × {config.seeds} seeds"
         + (f" × {len(config.settings)} settings" if config.sweep else ""),

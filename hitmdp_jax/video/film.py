@@ -10,15 +10,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from brax.envs.base import Env
 
-from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError, missing_extra
 from hitmdp_jax.interpret.episodes import Trajectories
 from hitmdp_jax.runs.folder import replaced
 from hitmdp_jax.video.frames import Scene
-from hitmdp_jax.video.rendering import SIZE, Painter
+from hitmdp_jax.video.pictures import painter_of
+from hitmdp_jax.video.rendering import SIZE
 
 MAX_FPS = 60
+WITHOUT_CLOCK = 8.0  # frames a second of tasks whose steps take no time
 GIF = (320, 10, 10)  # pixels in width, frames a second and seconds of an animated picture
 
 
@@ -32,8 +35,10 @@ class Timing(NamedTuple):
     fps: float
 
 
-def timing(dt: float) -> Timing:
-    """Return the timing of a task whose control step takes `dt` seconds."""
+def timing(dt: float | None) -> Timing:
+    """Return the timing of a task whose control step takes `dt` seconds, None without a clock."""
+    if dt is None:
+        return Timing(1, WITHOUT_CLOCK)
     every = max(1, math.ceil(1 / (MAX_FPS * dt) - 1e-6))
     return Timing(every, 1 / (every * dt))
 
@@ -59,7 +64,7 @@ def require_ffmpeg() -> str:
 
 def write_video(
     path: Path,
-    env: MujocoEnv,
+    env: Env,
     recorded: Trajectories,
     episodes: Sequence[int] | None = None,
     size: tuple[int, int] = SIZE,
@@ -69,17 +74,17 @@ def write_video(
     Args:
       path: the file, which appears when it is whole.
       env: the task they were recorded in.
-      recorded: the episodes, with their physics.
+      recorded: the episodes, with what pictures need.
       episodes: which of them; None takes all.
       size: width and height of the picture of the body, pixels; even numbers.
 
     Raises:
       UsageError: nothing can be drawn here, or no video written.
     """
-    every, fps = timing(env.dt)
+    every, fps = timing(spec_of(env).dt)
     chosen = range(len(recorded.terminated)) if episodes is None else episodes
     frame_size = Scene.frame_size(size, recorded.option is not None)
-    with encoder(path, frame_size, fps) as write, Painter(env.model, size) as painter:
+    with encoder(path, frame_size, fps) as write, painter_of(env, size) as painter:
         for number, episode in enumerate(chosen, start=1):
             title = f"episode {number} of {len(chosen)}" if len(chosen) > 1 else ""
             for frame in Scene(env, recorded, episode, title).frames(painter, every):

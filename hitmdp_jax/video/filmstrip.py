@@ -4,12 +4,10 @@ import numpy as np
 from brax.envs.base import Env
 from matplotlib.figure import Figure
 
-from hitmdp_jax.envs.base import MujocoEnv
-from hitmdp_jax.errors import UsageError
 from hitmdp_jax.figures.style import option_color, plain
 from hitmdp_jax.interpret.episodes import Trajectories
 from hitmdp_jax.video.frames import Scene
-from hitmdp_jax.video.rendering import Painter
+from hitmdp_jax.video.pictures import painter_of
 
 THUMBNAIL = (320, 240)  # pixels of a picture
 COLUMNS = 8  # pictures in a row
@@ -20,20 +18,18 @@ def pictures(env: Env, recorded: Trajectories) -> dict[int, np.ndarray]:
 
     Args:
       env: the task.
-      recorded: the episodes, with their physics.
+      recorded: the episodes, with what pictures need.
 
     Raises:
-      UsageError: the task has no MuJoCo model, or nothing can be drawn here.
+      UsageError: the task cannot be drawn, or nothing can be drawn here.
     """
-    if not isinstance(env, MujocoEnv):
-        raise UsageError("the task has no MuJoCo model.")
     scene = Scene(env, recorded, 0)
-    with Painter(env.model, THUMBNAIL) as painter:
+    with painter_of(env, THUMBNAIL) as painter:
         steps = evenly(np.arange(scene.length)).tolist()
-        return {step: painter.paint(scene.qpos[step], scene.qvel[step]) for step in steps}
+        return {step: painter.paint(*scene.shown(step)) for step in steps}
 
 
-def filmstrip(env: MujocoEnv, recorded: Trajectories, title: str = "") -> Figure:
+def filmstrip(env: Env, recorded: Trajectories, title: str = "") -> Figure:
     """Draw what the body does under each option: a row of pictures an option.
 
     A row's pictures are of the first episode's steps under the option, in order, spread evenly over
@@ -41,7 +37,7 @@ def filmstrip(env: MujocoEnv, recorded: Trajectories, title: str = "") -> Figure
 
     Args:
       env: the task.
-      recorded: the episodes, with their physics.
+      recorded: the episodes, with what pictures need.
       title: the figure's title.
 
     Raises:
@@ -51,13 +47,13 @@ def filmstrip(env: MujocoEnv, recorded: Trajectories, title: str = "") -> Figure
     rows = _rows(scene)
     figure = Figure(figsize=(1.0 + 1.6 * COLUMNS, 0.4 + 1.5 * len(rows)), layout="constrained")
     every_axes = figure.subplots(len(rows), COLUMNS, squeeze=False)
-    with Painter(env.model, THUMBNAIL) as painter:
+    with painter_of(env, THUMBNAIL) as painter:
         for axes_of_row, (label, color, steps) in zip(every_axes, rows, strict=True):
             axes_of_row[0].set_ylabel(label)
             chosen = evenly(steps)
             for axes, step in zip(axes_of_row, chosen, strict=False):
-                axes.imshow(painter.paint(scene.qpos[step], scene.qvel[step]))
-                axes.set_xlabel(f"{step * env.dt:.2f} s")
+                axes.imshow(painter.paint(*scene.shown(step)))
+                axes.set_xlabel(scene.moment(step))
                 axes.set(xticks=[], yticks=[])
                 axes.spines[:].set(color=color, linewidth=3)
             for axes in axes_of_row[len(chosen) :]:

@@ -4,14 +4,18 @@ import functools
 from collections.abc import Iterator
 from typing import Any
 
+import jax
 import numpy as np
+from brax.envs.base import Env
 from matplotlib import font_manager
 from matplotlib.colors import to_rgb
 from PIL import Image, ImageDraw, ImageFont
 
-from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.drawing import model_of
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.figures.style import ink, option_color
 from hitmdp_jax.interpret.episodes import Trajectories
+from hitmdp_jax.video.pictures import OwnPictures
 from hitmdp_jax.video.rendering import Painter, forward_velocity
 
 HEADER, BORDER, FOOTER = 40, 8, 40  # pixels above a picture, around it and below it
@@ -27,24 +31,37 @@ class Scene:
 
     Args:
       env: the task.
-      recorded: the episodes, with their physics.
+      recorded: the episodes, with what pictures need.
       episode: which of them.
       title: what else stands above.
     """
 
-    def __init__(self, env: MujocoEnv, recorded: Trajectories, episode: int, title: str = ""):
+    def __init__(self, env: Env, recorded: Trajectories, episode: int, title: str = ""):
         length = int(np.asarray(recorded.alive)[:, episode].sum())
 
         def own(steps: Any) -> np.ndarray:
             return np.asarray(steps)[:length, episode]
 
-        assert recorded.qpos is not None
         self.length = length
-        self.qpos, self.qvel = own(recorded.qpos), own(recorded.qvel)
+        # What a painter takes: whole states of a task that draws itself, else coordinates.
+        self._seen = (recorded.qpos, recorded.qvel)
+        if recorded.state is not None:
+            self._seen = (recorded.state,)
+        self._seen = jax.tree.map(lambda x: x[:length, episode], self._seen)
         self.option = None if recorded.option is None else own(recorded.option)
         self._returns = own(recorded.reward).cumsum()
-        self._speed = forward_velocity(env.model, self.qvel)
-        self._dt, self._title = env.dt, title
+        model, self._speed = model_of(env), None
+        if model is not None and recorded.qvel is not None:
+            self._speed = forward_velocity(model, own(recorded.qvel))
+        self._dt, self._title = spec_of(env).dt, title
+
+    def shown(self, step: int) -> tuple[Any, ...]:
+        """Return what a painter's `paint` takes to draw a step."""
+        return jax.tree.map(lambda x: x[step], self._seen)
+
+    def moment(self, step: int) -> str:
+        """Say when a step is: in seconds, or by its number where the task has no clock."""
+        return f"step {step}" if self._dt is None else f"{step * self._dt:.2f} s"
 
     @staticmethod
     def frame_size(size: tuple[int, int], options: bool) -> tuple[int, int]:
@@ -54,10 +71,10 @@ class Scene:
             return width, HEADER + height
         return width + 2 * BORDER, HEADER + height + 2 * BORDER + FOOTER
 
-    def frames(self, painter: Painter, every: int = 1) -> Iterator[np.ndarray]:
+    def frames(self, painter: Painter | OwnPictures, every: int = 1) -> Iterator[np.ndarray]:
         """Yield a frame [height, width, 3] of every so many steps."""
         for step in range(0, self.length, every):
-            yield self.frame(painter.paint(self.qpos[step], self.qvel[step]), step)
+            yield self.frame(painter.paint(*self.shown(step)), step)
 
     def frame(self, body: np.ndarray, step: int) -> np.ndarray:
         """Return the frame of a step around the picture of its body."""
@@ -85,7 +102,7 @@ class Scene:
 
     def _write(self, draw: ImageDraw.ImageDraw, width: int, step: int) -> None:
         """Write the numbers, each in a place of its own so that none moves as they grow."""
-        facts = [f"{step * self._dt:.2f} s", f"return {self._returns[step]:,.1f}"]
+        facts = [self.moment(step), f"return {self._returns[step]:,.1f}"]
         if self._speed is not None:
             facts.insert(1, f"{self._speed[step].round(1) + 0.0:.1f} m/s")
         if self._title:

@@ -75,7 +75,7 @@ EVALUATE = [
 ]
 
 VIDEO = [
-    ("run", "toy/turkey cannot be filmed: it has no MuJoCo model."),
+    ("run", "toy/turkey cannot be filmed: it has no MuJoCo model and no method draw."),
     ("run --episodes 0", "episodes = 0 must be a positive whole number"),
     ("run --episodes 99999999999", "of memory, most of it for episodes"),
     ("run --engine gym", "Unknown physics 'gym'"),

@@ -122,6 +122,18 @@ def test_a_policy_without_options_records_none_and_a_task_without_physics_says_s
         run_episodes(policy, Counter(), key, 1, physics=True)
 
 
+class Drawn(Counter):
+    def draw(self, state):
+        return np.full((2, 3, 3), 10 * state.pipeline_state, np.uint8)
+
+
+def test_a_task_that_draws_itself_has_its_whole_states_recorded(key):
+    policy = untrained(PPO(**SMALL), 2, 1, key)
+    recorded = jax.device_get(run_episodes(policy, Drawn(), key, 2, physics=True))
+    np.testing.assert_array_equal(recorded.state.obs, recorded.obs)
+    assert recorded.qpos is None
+
+
 @pytest.mark.parametrize(("agent", "deterministic"), [(MOPG, True), (AHP, False), (IOPG, False)])
 def test_its_own_choices_as_given_options_repeat_an_episode(agent, deterministic, key):
     policy, env = untrained(agent(num_options=3, **SMALL), 2, 1, key), Payment()

@@ -134,7 +134,9 @@ def _made(name: str, own: tuple[str, ...], **keywords: Any) -> Env:
     """Make a task; its class takes the keywords `own`, its parameters the others."""
     from gymnax import make
 
+    from hitmdp_jax.envs.suites.gymnax.drawing import kind_of
+
     task, params = make(name, **{key: x for key, x in keywords.items() if key in own})
     params = params.replace(**{key: x for key, x in keywords.items() if key not in own})
     length, shown = int(params.max_steps_in_episode), SHOWN.get(name, ((), ()))
-    return KeyedTask(task, params, length, shown=shown)
+    return kind_of(name, task, params)(task, params, length, shown=shown)

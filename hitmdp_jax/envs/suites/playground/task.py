@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import mujoco
 from brax.envs.base import Env
 
 from hitmdp_jax.envs.spec import Box, Spec, observation_of
@@ -53,6 +54,11 @@ class PlaygroundTask(Env):
     def action_size(self) -> int:
         """The number of actuators."""
         return self.task.action_size
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The model that the task steps."""
+        return self.task.mj_model
 
     def reset(self, rng: jax.Array) -> Any:
         """Start an episode."""

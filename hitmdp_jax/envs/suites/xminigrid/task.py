@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from brax.envs.base import Env, State
 
 from hitmdp_jax.envs.spec import Discrete, Observation, Spec
@@ -69,6 +70,13 @@ class MiniGridTask(Env):
             metrics=state.metrics | {"success": reached},
             info=state.info | {"truncation": ended * (1.0 - reached)},
         )
+
+    def draw(self, state: State) -> np.ndarray:
+        """Return the library's picture [H, W, 3] of a state: the squares in view are lighter."""
+        from xminigrid.rendering.rgb_render import render
+
+        now: Any = state.pipeline_state
+        return render(np.asarray(now.state.grid), now.state.agent, self.params.view_size)
 
     def _observation(self, now: Any) -> jax.Array:
         tiles, colours = (

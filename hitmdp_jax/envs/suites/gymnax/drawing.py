@@ -1,0 +1,46 @@
+"""The tasks of gymnax that are squares of a grid, with pictures of them."""
+
+from typing import Any
+
+import matplotlib
+import numpy as np
+from brax.envs.base import State
+
+from hitmdp_jax.envs.suites.gymnax.task import KeyedTask
+
+WALL, FREE, GOAL, AGENT = (60, 60, 60), (255, 255, 255), (0, 158, 115), (213, 94, 0)
+EMPTY = (25, 25, 25)  # a square on which nothing is
+
+
+class PlanesTask(KeyedTask):
+    """A task that shows planes of squares: the tasks of MinAtar, Catch, DeepSea and Pong."""
+
+    def draw(self, state: State) -> np.ndarray:
+        """Return the picture [H, W, 3] of a state: a pixel a square, a colour a plane."""
+        planes = np.asarray(state.obs) > 0
+        planes = planes if planes.ndim == 3 else planes[..., None]
+        colors = np.array(matplotlib.colormaps["tab10"].colors)  # pyright: ignore
+        picture = np.full((*planes.shape[:2], 3), EMPTY, np.uint8)
+        for plane in range(planes.shape[-1]):
+            picture[planes[..., plane]] = 255 * colors[plane % len(colors)]
+        return picture
+
+
+class RoomsTask(KeyedTask):
+    """The four rooms."""
+
+    def draw(self, state: State) -> np.ndarray:
+        """Return the picture [13, 13, 3] of a state: walls, the goal and the agent."""
+        rooms: Any = state.pipeline_state
+        picture = np.where(np.asarray(self.task.env_map)[..., None], FREE, WALL).astype(np.uint8)
+        picture[tuple(np.asarray(rooms.goal))] = GOAL
+        picture[tuple(np.asarray(rooms.pos))] = AGENT
+        return picture
+
+
+def kind_of(name: str, task: Any, params: Any) -> type[KeyedTask]:
+    """Return the class that puts a task of gymnax behind Brax's interface."""
+    if name == "FourRooms-misc":
+        return RoomsTask
+    shape = getattr(task.observation_space(params), "shape", ())
+    return PlanesTask if len(shape) in (2, 3) else KeyedTask

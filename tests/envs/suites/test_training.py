@@ -1,0 +1,55 @@
+"""Every algorithm on a task of each suite of another library: one iteration, traced."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import pytest
+from brax.envs.base import Wrapper
+
+import hitmdp_jax
+from hitmdp_jax.agents import AGENTS
+
+TASKS = (
+    "gymnax/CartPole-v1",
+    "gymnax/Breakout-MinAtar",
+    "gymnax/Pendulum-v1",
+    "xminigrid/MiniGrid-DoorKey-5x5",
+    "craftax/Craftax-Classic-Symbolic-v1",
+    "playground/CartpoleBalance",
+)
+SIZES = {"num_envs": 4, "rollout_length": 32, "num_steps": 128}
+
+
+class TracedOnce(Wrapper):
+    """Keeps the traces of a task, so that the next algorithm does not trace it anew."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.reset, self.step = jax.jit(env.reset), jax.jit(env.step)
+
+
+@functools.cache
+def task(name):
+    return TracedOnce(hitmdp_jax.make_env(name))
+
+
+@pytest.mark.parametrize("algorithm", AGENTS)
+@pytest.mark.parametrize("name", TASKS)
+def test_an_iteration_keeps_the_state_and_reports(name, algorithm):
+    """A state that comes out in the shapes it came in with can be trained on for ever."""
+    init, step = hitmdp_jax.make_train(AGENTS[algorithm](), task(name), **SIZES)
+    before = jax.eval_shape(init, jax.random.key(0))
+    after, metrics = jax.eval_shape(step, before)
+    shapes = functools.partial(jax.tree.map, lambda x: (x.shape, x.dtype))
+    assert shapes(after) == shapes(before)
+    assert {"episode_return", "env_steps"} <= set(metrics)
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "mopg"])
+def test_an_iteration_on_cartpole_is_finite(algorithm):
+    agent = AGENTS[algorithm](hidden_sizes=(8,))
+    init, step = hitmdp_jax.make_train(agent, task("gymnax/CartPole-v1"), **SIZES)
+    _, metrics = jax.jit(lambda key: step(init(key)))(jax.random.key(0))
+    assert jnp.isfinite(metrics["loss"]).all()
+    assert 8 < float(metrics["episode_return"]) < 40  # of random play, about 22
