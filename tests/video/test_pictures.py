@@ -36,10 +36,10 @@ def test_a_small_picture_grows_by_whole_numbers_in_the_middle_of_a_white_one():
     picture = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
     large = fitted(picture, (9, 5))
     assert large.shape == (5, 9, 3)
-    np.testing.assert_array_equal(large[:4, 3:7], picture.repeat(2, axis=0).repeat(2, axis=1))
+    np.testing.assert_array_equal(large[:4, 2:6], picture.repeat(2, axis=0).repeat(2, axis=1))
     assert (large[4] == 255).all()
-    assert (large[:, :3] == 255).all()
-    assert (large[:, 7:] == 255).all()
+    assert (large[:, :2] == 255).all()
+    assert (large[:, 6:] == 255).all()
 
 
 def test_a_large_picture_shrinks_to_the_size():

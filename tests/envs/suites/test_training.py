@@ -43,7 +43,7 @@ def test_an_iteration_keeps_the_state_and_reports(name, algorithm):
     after, metrics = jax.eval_shape(step, before)
     shapes = functools.partial(jax.tree.map, lambda x: (x.shape, x.dtype))
     assert shapes(after) == shapes(before)
-    assert {"episode_return", "env_steps"} <= set(metrics)
+    assert {"episode_return", "episodes", "diverged"} <= set(metrics)
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "mopg"])
