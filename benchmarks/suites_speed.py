@@ -153,7 +153,7 @@ def seconds_of(call: Callable[[], None]) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tasks", nargs="+", default=TASKS)
     parser.add_argument("--num-envs", type=int, default=64)
     parser.add_argument("--turns", type=int, default=9)

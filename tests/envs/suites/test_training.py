@@ -10,14 +10,14 @@ from brax.envs.base import Wrapper
 import hitmdp_jax
 from hitmdp_jax.agents import AGENTS
 
-TASKS = (
-    "gymnax/CartPole-v1",
+OTHERS = (
     "gymnax/Breakout-MinAtar",
     "gymnax/Pendulum-v1",
     "xminigrid/MiniGrid-DoorKey-5x5",
     "craftax/Craftax-Classic-Symbolic-v1",
     "playground/CartpoleBalance",
 )
+TASKS = ("gymnax/CartPole-v1", *(pytest.param(x, marks=pytest.mark.slow) for x in OTHERS))
 SIZES = {"num_envs": 4, "rollout_length": 32, "num_steps": 128}
 
 
