@@ -64,6 +64,7 @@ def test_every_engine_records_the_same_structure(recorded):
         "qpos": ((steps, 3, 2), "float32"),
         "qvel": ((steps, 3, 2), "float32"),
         "ctrl": ((steps, 3, 1), "float32"),
+        "state": None,
     }
 
 
@@ -124,7 +125,7 @@ def test_a_policy_without_options_records_none_and_a_task_without_physics_says_s
 
 class Drawn(Counter):
     def draw(self, state):
-        return np.full((2, 3, 3), 10 * state.pipeline_state, np.uint8)
+        return np.full((2, 3, 3), 10 * state.obs[0], np.uint8)
 
 
 def test_a_task_that_draws_itself_has_its_whole_states_recorded(key):
