@@ -49,12 +49,12 @@ def run(arguments: argparse.Namespace) -> None:
     find_engine(engine).check()
     set_up_host(engine, arguments.episodes)
     choice = load_chosen(arguments, config)
+    env: Any = make_env(**choice.task, physics=engine)
+    check_filming(env, choice.task["name"])  # before a folder is made
     path = output(arguments, VIDEOS, f"{choice.name}.mp4")
     path = path if path.suffix == ".mp4" else path / f"{choice.name}.mp4"
     strip = path.with_suffix(".png")
     check_output(path, strip)
-    env: Any = make_env(**choice.task, physics=engine)
-    check_filming(env, choice.task["name"])
     check_fit(choice.policy, env)
     key = evaluation_key(choice.training)
     how = {"deterministic": arguments.deterministic, "physics": True}
