@@ -9,8 +9,9 @@ if TYPE_CHECKING:
     from hitmdp_jax.envs import list_envs, make_env, register_env
     from hitmdp_jax.envs.spec import Spec, spec_of
     from hitmdp_jax.errors import UsageError
-    from hitmdp_jax.runs.policy import Policy, load
+    from hitmdp_jax.runs.policy import load
     from hitmdp_jax.runs.saving import save
+    from hitmdp_jax.training.policy import Policy
     from hitmdp_jax.training.program import make_train, train
     from hitmdp_jax.training.state import TrainState
     from hitmdp_jax.version import __version__
@@ -40,7 +41,8 @@ __getattr__, __dir__ = lazy.attach(
         "__version__": "version",
         **dict.fromkeys(("list_envs", "make_env", "register_env"), "envs"),
         **dict.fromkeys(("Spec", "spec_of"), "envs.spec"),
-        **dict.fromkeys(("Policy", "load"), "runs.policy"),
+        "load": "runs.policy",
+        "Policy": "training.policy",
         "save": "runs.saving",
         **dict.fromkeys(("make_train", "train"), "training.program"),
         "TrainState": "training.state",

@@ -37,7 +37,8 @@ HOST_SETTINGS = (
 )  # of the command line, not of the run
 OWN_GROUPS = ("env", "algo")  # whose choice may be path/to/file.py:Class
 OWN = "own"  # the choice that stands for it
-PATHS = ("run_dir", "resume")  # whose value is taken as it is, whatever letters it has
+# Whose value is taken as it is, whatever letters it has.
+PATHS = ("run_dir", "resume", "init_from", "init_parts")
 MOST_JOBS = 10_000  # of -m
 WORD = re.compile(r"[A-Za-z_][\w./-]*")  # which Hydra reads as it stands
 CONSTANTS = ("true", "false", "null", "inf", "nan")  # but for these
@@ -211,6 +212,8 @@ def run_config(values: dict[str, Any], trust: bool = True) -> "RunConfig":
     if trust:
         trust_named(values, remember=True)
     values = {name: x for name, x in values.items() if name not in HOST_SETTINGS}
+    if (source := folder_setting(values, "init_from")) is not None:
+        values["init_from"] = str(source.absolute())
     if isinstance(task := values["env"], dict) and isinstance(task.get("name"), str):
         values["env"] = tasks.defaults(task["name"]) | task
     return RunConfig.from_mapping(values)
@@ -283,7 +286,7 @@ def _literal(text: str, multirun: bool) -> str:
     """Return an argument in which a path is quoted, but for a list of them that -m takes."""
     name, _, value = text.partition("=")
     is_path = name in PATHS or (name in OWN_GROUPS and plugins.is_own(value))
-    listed = value in ("true", "false") or (multirun and "," in value)
+    listed = value in ("true", "false") or value[:1] == "[" or (multirun and "," in value)
     return f"{name}={quoted(value)}" if is_path and not listed else text
 
 

@@ -55,16 +55,19 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
         done = f"{config.schedule.env_steps:,} env steps"
         print(f"{run_dir} is finished: {done}. A larger total_steps goes on.")
         return 0
+    begun = resume is not None and processes.told(lambda: bool(saved_iterations(resume)))
     run = Run.create(config)  # or say why not, before a folder is made
     if config.video_every and resume is None:
         from hitmdp_jax.cli.video import check_filming
 
         for env, task in zip(run.envs, config.tasks, strict=True):
             check_filming(env, task["name"])
+    begins_with = "" if begun else run.begins_with()
     if resume is None:
         run_dir = Path(processes.told(lambda: str(claim(run_dir, config, overwrite))))
     assert run_dir is not None
-    begun = resume is not None and processes.told(lambda: bool(saved_iterations(run_dir)))
+    if begins_with and processes.is_first():
+        print(begins_with)
     return _run(run, run_dir, begun, report)
 
 

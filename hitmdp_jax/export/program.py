@@ -15,7 +15,7 @@ from jax.interpreters.partial_eval import dce_jaxpr
 from hitmdp_jax.envs.spec import Discrete
 from hitmdp_jax.errors import UsageError, missing_extra, unknown_name
 from hitmdp_jax.networks.action_heads import noise_of, vector_of
-from hitmdp_jax.runs.policy import Policy
+from hitmdp_jax.training.policy import Policy
 
 FORMATS = ("onnx", "stablehlo")
 PLATFORMS = ("cpu", "cuda")  # of a StableHLO program
@@ -105,9 +105,8 @@ def _decided(policy: Policy, obs: jax.Array, memory: Any) -> dict[str, Any]:
     """Return what comes out for raw observations [B, ...], and the new memory."""
     agent, params, seen = policy.agent, policy.params, policy.normalized(obs)
     key = jax.random.key(0)  # which nothing is drawn by
-    action, after, noted = agent.act(params, seen, memory, key, True)
-    found = {"action": policy.spec.action.clip(action)}
-    option = agent.option_of(noted)
+    decided = policy.decide(policy.flat(obs), memory, key, True)
+    found, option = {"action": decided.action}, decided.option
     chosen = agent.policy(params, seen, option)
     if chosen is not None and isinstance(policy.spec.action, Discrete):
         found["action_logits"] = vector_of(chosen)
@@ -119,7 +118,7 @@ def _decided(policy: Policy, obs: jax.Array, memory: Any) -> dict[str, Any]:
     probs = agent.option_probs(params, seen, memory)
     if probs is not None:
         found["option_logits"] = jnp.log(probs)
-    return found | {"memory": after}
+    return found | {"memory": decided.memory}
 
 
 def to_stablehlo(program: Program) -> tuple[bytes, dict[str, str]]:

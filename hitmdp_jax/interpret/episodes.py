@@ -16,7 +16,7 @@ from hitmdp_jax.envs.drawing import draws_itself, model_of
 from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.precision import as_before, in_32_bits
-from hitmdp_jax.runs.policy import Policy
+from hitmdp_jax.training.policy import Policy
 
 COORDINATES = ("qpos", "qvel", "ctrl")
 OURS_ALONE = {
@@ -36,7 +36,7 @@ class Trajectories(struct.PyTreeNode):
     """
 
     obs: jax.Array  # [T, N, O] as the task gives them, not normalised
-    action: jax.Array  # [T, N, A] as drawn, before the task clips them
+    action: jax.Array  # [T, N, A] as carried out, within the task's range
     reward: jax.Array  # [T, N]
     option: jax.Array | None  # [T, N] int, o_t; None of a policy without options
     # [T, N, K] P(o_t | s_t, what the policy remembers); None also of options that were given.
@@ -162,10 +162,7 @@ def run_in_gymnasium(
             seen |= {name: np.stack([getattr(d, name) for d in data]) for name in COORDINATES}
         action, reward = np.asarray(decision["action"]), np.zeros(num_episodes)
         for i in np.flatnonzero(alive):
-            box = envs[i].action_space
-            obs[i], reward[i], terminated[i], truncated, _ = envs[i].step(
-                np.clip(action[i], box.low, box.high)
-            )
+            obs[i], reward[i], terminated[i], truncated, _ = envs[i].step(action[i])
             alive[i] = not (terminated[i] or truncated)
         steps.append(decision | seen | {"reward": reward})
     for env in envs:
@@ -179,14 +176,13 @@ def _decide(
     policy: Policy, obs: jax.Array, memory: Any, key: jax.Array, deterministic: bool
 ) -> tuple[dict[str, Any], Any]:
     """Return what a policy does for raw observations [N, O], and its new memory."""
-    agent, params, obs = policy.agent, policy.params, policy.normalized(obs)
-    action, new_memory, noted = agent.act(params, obs, memory, key, deterministic)
+    decided = policy.decide(policy.flat(obs), memory, key, deterministic)
     decision = {
-        "action": action,
-        "option": agent.option_of(noted),
-        "option_probs": agent.option_probs(params, obs, memory),
+        "action": decided.action,
+        "option": decided.option,
+        "option_probs": policy.option_probs(obs, memory),
     }
-    return in_32_bits((decision, new_memory))
+    return in_32_bits((decision, decided.memory))
 
 
 def _follow(
@@ -196,6 +192,7 @@ def _follow(
     _, key_action = jax.random.split(key)  # as every agent with options splits it
     chosen = policy.agent.policy(policy.params, policy.normalized(obs), option)
     action = chosen.mode() if deterministic else chosen.sample(seed=key_action)
+    action = policy.spec.action.clip(action)
     return in_32_bits({"action": action, "option": option, "option_probs": None})
 
 

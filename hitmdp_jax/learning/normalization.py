@@ -1,9 +1,12 @@
 """Observations in units of their running mean and standard deviation."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from brax.training.acme import running_statistics
 from brax.training.acme.running_statistics import NestedMeanStd, RunningStatisticsState
+from brax.training.types import UInt64
 from jax.typing import ArrayLike
 
 from hitmdp_jax.precision import in_32_bits
@@ -27,6 +30,25 @@ def update_statistics(statistics: RunningStatisticsState, obs: jax.Array) -> Run
     order 1 and made +-1.9 of observations that never change.
     """
     return in_32_bits(running_statistics.update(statistics, _as_floats(obs), std_min_value=MIN_STD))
+
+
+def statistics_of(mean: jax.Array, std: jax.Array, count: ArrayLike) -> RunningStatisticsState:
+    """Return the statistics of `count` [...] observations whose mean and std [..., O] are known."""
+    seen = jnp.asarray(count, jnp.float32)
+    halves = (x.astype(jnp.uint32) for x in jnp.divmod(seen, 2.0**32))
+    return RunningStatisticsState(
+        mean=mean,
+        std=std,
+        count=UInt64(*halves),  # pyright: ignore[reportCallIssue]
+        summed_variance=jnp.square(std) * seen[..., None],
+        std_eps=jnp.zeros_like(seen),  # pyright: ignore[reportArgumentType]
+    )
+
+
+def count_of(statistics: RunningStatisticsState) -> jax.Array:
+    """Return how many observations the statistics are of, float32 [...]."""
+    count: Any = statistics.count
+    return jnp.float32(2.0**32) * count.hi.astype(jnp.float32) + count.lo.astype(jnp.float32)
 
 
 def normalize(obs: ArrayLike, statistics: NestedMeanStd | None) -> jax.Array:

@@ -8,13 +8,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import orbax.checkpoint as ocp
+from brax.training.acme.running_statistics import RunningStatisticsState
 
 from hitmdp_jax.envs.spec import Spec
+from hitmdp_jax.learning.normalization import count_of
 from hitmdp_jax.runs import processes
 from hitmdp_jax.runs.checkpoint_words import Words, digest
 from hitmdp_jax.training.state import TrainState
 
 STATE, POLICY, PROGRESS = "state", "policy", "progress"
+STATISTICS = "mean", "std", "count"  # of the normaliser, as `statistics_of` takes them
 WORDS = "metadata"  # the file of the last one
 HANDLERS = {
     STATE: ocp.StandardCheckpointHandler,
@@ -44,9 +47,14 @@ def items_of(
 
 
 def policy_of(state: TrainState) -> dict[str, Any]:
-    """Return what acting needs of a state: parameters and the normaliser's mean and std."""
-    normalizer = state.normalizer
-    return {"params": state.learner.params, "mean": normalizer.mean, "std": normalizer.std}
+    """Return what acting needs of a state, and going on: parameters and `STATISTICS`."""
+    return kept_of(state.learner.params, state.normalizer)
+
+
+def kept_of(params: Any, normalizer: RunningStatisticsState) -> dict[str, Any]:
+    """Return what is kept of a policy."""
+    statistics = normalizer.mean, normalizer.std, count_of(normalizer)
+    return {"params": params} | dict(zip(STATISTICS, statistics, strict=True))
 
 
 def with_raw_keys(state: TrainState) -> TrainState:

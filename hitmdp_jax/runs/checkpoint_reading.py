@@ -109,6 +109,17 @@ class SavedCheckpoints:
         except DamagedError as damage:
             raise UsageError(f"{self._told(iteration, damage)}.") from None
 
+    def restore_learned(self) -> tuple[int, dict[str, Any], Spec]:
+        """Return the newest checkpoint's iteration, its arrays [R, ...] by name and the `Spec`.
+
+        Returns what a training may begin with; Raises as `restore_policy`.
+        """
+
+        def read(iteration: int) -> tuple[int, dict[str, Any], Spec]:
+            return iteration, self._read(iteration, STATE), self._words(iteration).spec
+
+        return self._newest(read, self._written())
+
     def _written(self) -> list[int]:
         """Return the iterations whose checkpoints are there, the one under way among them."""
         self._manager.wait_until_finished()

@@ -22,6 +22,7 @@ from hitmdp_jax.runs.folder import CONFIG, is_policy, require_run
 from hitmdp_jax.runs.schedule import Schedule
 from hitmdp_jax.training.sizes import check_sizes
 from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
+from hitmdp_jax.training.warm_start import check_parts
 
 SCHEMA = 3  # of config.yaml; raised where an older package would misread it
 WHOLE = {  # name -> the least value
@@ -76,6 +77,8 @@ class RunConfig:
     second_env: dict[str, Any] | None = None  # the task a transfer switches to
     sweep: dict[str, Any] | None = None
     samples: int | None = None
+    init_from: str | None = None  # a run's folder, or a policy's file, whose path is absolute
+    init_parts: tuple[str, ...] | None = None
 
     @classmethod
     def from_mapping(cls, settings: Mapping[str, Any]) -> "RunConfig":
@@ -98,6 +101,7 @@ class RunConfig:
         values["wandb"] = "off" if wandb is False else wandb
         if values["wandb"] not in WANDB:
             raise unknown_name("wandb", str(values["wandb"]), WANDB)
+        values["init_parts"] = _parts(values.get("init_from"), values.get("init_parts"))
         true_or_false("save_replay", values.get("save_replay", False))
         for name in GROUPS:
             given = values.get(name)
@@ -294,6 +298,14 @@ def _check_division(num_envs: int, data_devices: int) -> None:
             f"num_envs = {num_envs} is not divisible by data_devices = {data_devices}; the nearest "
             f"number below that divides it is {near}."
         )
+
+
+def _parts(init_from: Any, init_parts: Any) -> tuple[str, ...] | None:
+    if init_from is not None and not isinstance(init_from, str):
+        raise out_of_domain("init_from", init_from, "a run's folder, or a policy's file")
+    if init_parts is not None and init_from is None:
+        raise UsageError(f"init_parts = {init_parts} has no say: init_from names no run.")
+    return None if init_parts is None else check_parts(init_parts)
 
 
 def _like(name: str, value: Any, default: Any) -> Any:

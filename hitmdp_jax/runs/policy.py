@@ -1,101 +1,26 @@
-"""A trained policy, and `load`, which takes it out of a run's folder."""
+"""`load`, which takes a trained policy out of a run's folder."""
 
 import contextlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from brax.training.acme.running_statistics import NestedMeanStd
-from flax import struct
-from jax.typing import ArrayLike
 
 from hitmdp_jax.agents import Agent
-from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError, out_of_domain
-from hitmdp_jax.learning.normalization import normalize
+from hitmdp_jax.learning.normalization import statistics_of
 from hitmdp_jax.runs.checkpoint import Checkpoints
+from hitmdp_jax.runs.checkpoint_items import STATISTICS
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import is_policy
 from hitmdp_jax.runs.policy_file import read_policy
+from hitmdp_jax.training.policy import Policy
 from hitmdp_jax.training.sweep import Training
 
-Observed = ArrayLike | Mapping[str, ArrayLike]  # as the task shows it, one array or several by name
-
-
-class Policy(struct.PyTreeNode):
-    """A trained policy with its observation normaliser: a pytree of pure functions.
-
-    >>> policy = load("runs/halfcheetah/mopg/...")  # doctest: +SKIP
-    >>> memory = policy.initial_memory(key)  # doctest: +SKIP
-    >>> action, memory = policy.act(obs, memory, key)  # doctest: +SKIP
-    """
-
-    agent: Agent  # bound to the task that it learned
-    params: Any
-    normalizer: Any
-
-    @property
-    def spec(self) -> Spec:
-        """What the policy observes and how it acts."""
-        return self.agent.task
-
-    def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> Any:
-        """Return the memory of an episode's start."""
-        return self.agent.initial_memory(key, batch_shape)
-
-    def act(
-        self, obs: Observed, memory: Any, key: jax.Array, deterministic: bool = False
-    ) -> tuple[jax.Array, Any]:
-        """Return actions for raw observations, as the task gives them, and the new memory.
-
-        Raises:
-          UsageError: the observation has another size than those the policy learned from.
-        """
-        obs = self.normalized(obs)
-        action, memory, _ = self.agent.act(self.params, obs, memory, key, deterministic)
-        return action, memory
-
-    def option_probs(self, obs: Observed, memory: Any) -> jax.Array | None:
-        """Return P(o_t | s_t, what is remembered) [..., K] for raw observations; Raises as `act`.
-
-        None of a policy without options.
-        """
-        return self.agent.option_probs(self.params, self.normalized(obs), memory)
-
-    def value(self, obs: Observed, memory: Any) -> jax.Array | None:
-        """Return the expected discounted return [...] from raw observations; Raises as `act`.
-
-        It is of scaled rewards where `reward_scale` is not 1, and None of an algorithm that does
-        not say.
-        """
-        return self.agent.value_of(self.params, self.normalized(obs), memory)
-
-    def of(self, places: ArrayLike) -> "Policy":
-        """Return the policy of one training, or of some, by their places among leaves [R, ...]."""
-        return jax.tree.map(lambda x: x[places] if np.ndim(x) else x, self)
-
-    def normalized(self, obs: Observed) -> jax.Array:
-        """Return raw observations as the agent sees them, rows [..., O]; Raises as `act`."""
-        seen = self.spec.observation
-        if isinstance(obs, Mapping):
-            for part, shape in seen.parts:
-                if part not in obs:
-                    raise UsageError(f"obs lacks its part '{part}'.")
-                _check_shape(f"obs['{part}']", obs[part], shape)
-        else:
-            _check_shape("obs", obs, seen.shape)
-        statistics = self.normalizer if self.agent.normalize_observations else None
-        return normalize(seen.flat(obs), statistics)
-
-
-def _check_shape(name: str, x: ArrayLike, shape: tuple[int, ...]) -> None:
-    """Raise UsageError where an array's last axes are not of that shape."""
-    if np.shape(x)[np.ndim(x) - len(shape) :] != shape:
-        raise UsageError(f"{name} has shape {np.shape(x)}; its last axes must be {shape}.")
+__all__ = ["Policy", "load", "load_all", "places"]
 
 
 def load(
@@ -166,8 +91,10 @@ def load_all(
     else:
         with contextlib.closing(Checkpoints(run_dir, read_only=True)) as checkpoints:
             iteration, saved, spec = checkpoints.restore_policy(checkpoint, task)
+    # How many observations the mean is of, older packages did not note.
+    seen = jnp.full(len(config.trainings), iteration * config.num_envs * config.rollout_length)
     agents = config.make_agent().replace(**config.swept).bind(spec)
-    policy = acting(agents, saved)
+    policy = acting(agents, {"count": seen} | saved)
     if not fits(policy, len(config.trainings)):
         raise UsageError(
             f"The checkpoint in '{run_dir}' does not fit the algorithm and seeds that its "
@@ -178,7 +105,7 @@ def load_all(
 
 def acting(agent: Agent, saved: dict[str, Any]) -> Policy:
     """Return the policy of an agent, bound to its task, and of what a checkpoint keeps of it."""
-    return Policy(agent, saved["params"], NestedMeanStd(mean=saved["mean"], std=saved["std"]))
+    return Policy(agent, saved["params"], statistics_of(*(saved[x] for x in STATISTICS)))
 
 
 def folder_of(run_dir: Any) -> Path:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -21,9 +22,11 @@ from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.devices import at_once, make_mesh, memory_of, place, spread
 from hitmdp_jax.runs.memory import check_run_memory
 from hitmdp_jax.runs.schedule import Schedule
+from hitmdp_jax.runs.warm_start import Start, read_start
 from hitmdp_jax.training.program import Init, Iterate, make_train, repeat
 from hitmdp_jax.training.state import Hyperparameters, TrainState, transfer
 from hitmdp_jax.training.sweep import Training
+from hitmdp_jax.training.warm_start import check_parts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,6 +115,9 @@ class Run:
         state = progress.state
         if state is None:
             state = init(*place((self.keys(), self.hyperparameters()), self.mesh))
+            if self.start is not None:
+                places = np.arange(len(self.trainings)) % self.config.seeds
+                state = self.start.put(state, place(self.start.of(places), self.mesh))
         elif progress.task != task:
             state = place(state, self.mesh)
             # Both are split off the run's key, which nothing uses any more: a key that is drawn
@@ -121,6 +127,28 @@ class Run:
             state = transfer(state.replace(key=keys), fresh)
         # Laid out alike, fresh or restored: the program is one, and is compiled once for both.
         return place(self.with_replay(state), self.mesh)
+
+    @functools.cached_property
+    def start(self) -> Start | None:
+        """What the trainings begin with, read when it is first asked for: not to be gone on with.
+
+        Raises:
+          UsageError: as `read_start`.
+        """
+        config = self.config
+        if config.init_from is None:
+            return None
+        return read_start(Path(config.init_from), self._blank, check_parts(config.init_parts))
+
+    @functools.cached_property
+    def _blank(self) -> TrainState:
+        """The shapes of one training's state before its first iteration."""
+        init, _ = self.program(0)
+        return jax.eval_shape(init, jax.random.key(0))
+
+    def begins_with(self) -> str:
+        """Return a line on what the trainings begin with; "" where they begin anew."""
+        return "" if self.start is None else self.start.told(self._blank)
 
     def with_replay(self, state: TrainState) -> TrainState:
         """Return a state with an empty replay where its checkpoint had none."""

@@ -13,7 +13,7 @@ from hitmdp_jax.agents import AGENTS, Agent
 from hitmdp_jax.agents.base import check_hyperparameters, hyperparameters_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.runs.checkpoint import Checkpoints
-from hitmdp_jax.runs.checkpoint_items import Progress, policy_of
+from hitmdp_jax.runs.checkpoint_items import Progress, kept_of, policy_of
 from hitmdp_jax.runs.claim import claim
 from hitmdp_jax.runs.config import RunConfig, trust_named
 from hitmdp_jax.runs.folder import POLICY
@@ -90,7 +90,7 @@ def extract(
     swept = {name.removeprefix(PREFIX): x for name, x in training.swept.items()}
     alone = {"seeds": 1, "seed": training.seed, "sweep": None, "samples": None}
     own = dataclasses.replace(config, algo=config.algo | swept, **alone)
-    learned = {"params": everyone.params, **dataclasses.asdict(everyone.normalizer)}
+    learned = kept_of(everyone.params, everyone.normalizer)
     mine = jax.tree.map(lambda x: x[place : place + 1], learned)
     write_policy(Path(path), own.to_yaml(), iteration, mine, everyone.spec)
 

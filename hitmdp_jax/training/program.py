@@ -1,7 +1,7 @@
 """The training program: pure functions of a key that jit, vmap and scan."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -16,15 +16,24 @@ from hitmdp_jax.envs.action_repeat import ActionRepeat, action_repeat_of
 from hitmdp_jax.envs.contract import check_task
 from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.envs.vector import VectorEnv
-from hitmdp_jax.errors import out_of_domain
+from hitmdp_jax.errors import out_of_domain, warn
 from hitmdp_jax.learning.episodes import EpisodeWindow, episode_metrics
 from hitmdp_jax.learning.normalization import initial_statistics, update_statistics
 from hitmdp_jax.learning.rollout import RolloutState, collect
 from hitmdp_jax.metrics import Metrics, over_iterations
 from hitmdp_jax.precision import in_32_bits
 from hitmdp_jax.training.divergence import freeze_diverged, watched
+from hitmdp_jax.training.policy import Policy
 from hitmdp_jax.training.sizes import check_sizes, num_iterations, pool_period, usual_pool_size
 from hitmdp_jax.training.state import Hyperparameters, TrainState
+from hitmdp_jax.training.warm_start import (
+    Learned,
+    begun,
+    check_parts,
+    fit,
+    learned_of,
+    sentence,
+)
 
 Init = Callable[..., TrainState]  # of a key and, in place of the agent's, of `Hyperparameters`
 Iterate = Callable[[TrainState], tuple[TrainState, Metrics]]
@@ -40,6 +49,8 @@ def make_train(
     episode_length: int | None = None,
     reset_pool_size: int | None = None,
     stagger: bool = True,
+    init_from: Policy | TrainState | None = None,
+    init_parts: Sequence[str] | None = None,
 ) -> tuple[Init, Iterate]:
     """Build one training run as two pure functions.
 
@@ -54,6 +65,9 @@ def make_train(
       reset_pool_size: fresh initial states drawn at once (`pool_period`); None takes
         `usual_pool_size`.
       stagger: start the first episodes at random points of the time limit.
+      init_from: what to begin with: a policy, as `load` returns, or the state of a training. What
+        of it does not fit starts anew, which is told.
+      init_parts: of that `policy`, `critic`, `normalizer` and `optimizer`; None takes all.
 
     Returns:
       `init(key, hyperparameters={}) -> TrainState` and `step(TrainState) -> (TrainState, metrics)`,
@@ -77,7 +91,20 @@ def make_train(
     vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger)
     iterations = num_iterations(num_steps, num_envs, rollout_length, action_repeat_of(env))
     program = Program(agent, vector_env, rollout_length, iterations)
+    if init_from is not None:
+        program = _beginning_with(program, learned_of(init_from), check_parts(init_parts))
     return program.init, program.step
+
+
+def _beginning_with(program: "Program", learned: Learned, parts: Sequence[str]) -> "Program":
+    """Return a program that begins with what was learned; say what is new. Raises as `fit`."""
+    state = jax.eval_shape(program.init, jax.random.key(0))
+    shapes = {name: jnp.shape(x) for name, x in learned.leaves.items()}
+    found = fit(state, learned, shapes, parts)
+    if told := sentence(found, learned.spec, state.spec):
+        warn(f"init_from: {told}")
+    taken, leaves = found.taken, learned.leaves
+    return dataclasses.replace(program, begin=lambda state: begun(state, taken, leaves))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,6 +115,7 @@ class Program:
     env: VectorEnv
     rollout_length: int
     iterations: int  # of the whole run
+    begin: Callable[[TrainState], TrainState] = lambda state: state  # with what is known already
 
     def init(self, key: jax.Array, hyperparameters: Hyperparameters | None = None) -> TrainState:
         """Return the state before the first iteration."""
@@ -111,7 +139,7 @@ class Program:
             spec=spec,
         )
         # Each field has memory of its own, so that a step may be given all of it (donated).
-        return jax.tree.map(jnp.copy, state)
+        return jax.tree.map(jnp.copy, self.begin(state))
 
     def refilled(self, state: TrainState, key: jax.Array) -> RolloutState:
         """Return where the last rollout stopped, with fresh initial states if new ones are due."""

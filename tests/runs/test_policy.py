@@ -9,8 +9,11 @@ import hitmdp_jax
 from hitmdp_jax.agents import AGENTS, MOPG, PPO
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.learning.normalization import initial_statistics, update_statistics
 from hitmdp_jax.learning.rollout import RolloutState, collect
+from hitmdp_jax.runs import checkpoint
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
+from hitmdp_jax.runs.checkpoint_items import policy_of
 from hitmdp_jax.runs.policy import Policy, load_all
 from hitmdp_jax.runs.saving import extract
 from tests.probes import Target, spec_of_sizes, untrained
@@ -199,6 +202,26 @@ def test_a_changed_bit_of_a_policys_file_is_noticed(saved, tmp_path):
         path.write_bytes(whole[:place] + changed + whole[place + 1 :])
         with pytest.raises(UsageError, match="cannot be read"):
             hitmdp_jax.load(path)
+
+
+def test_the_normaliser_of_a_loaded_policy_goes_on(tmp_path):
+    """Of a folder, of a file and of both as older packages wrote them, who noted no count."""
+    first, second = np.random.default_rng(0).normal(3.0, 2.0, (2, 2048, 1)).astype(np.float32)
+    state = after_an_iteration(AGENT, 1)
+    own = update_statistics(initial_statistics(1), first)
+    state = state.replace(normalizer=jax.tree.map(lambda x: x[None], own))
+    whole = policy_of(state)
+    without = {name: x for name, x in whole.items() if name != "count"}
+    for name, kept in (("run", whole), ("old", without)):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(checkpoint, "policy_of", lambda state, kept=kept: kept)
+            hitmdp_jax.save(tmp_path / name, AGENT, state)
+        extract(tmp_path / name, tmp_path / f"{name}.policy")
+    alone = update_statistics(own, second)
+    for name in ("run", "run.policy", "old", "old.policy"):
+        policy = hitmdp_jax.load(tmp_path / name)
+        on = update_statistics(policy.normalizer, second)
+        jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-5), on, alone)
 
 
 def test_a_policy_says_its_options_and_what_it_expects(saved):
