@@ -15,7 +15,6 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.normalization import normalize
 from hitmdp_jax.precision import in_32_bits
 
-
 Observed = ArrayLike | Mapping[str, ArrayLike]  # as the task shows it, one array or several by name
 
 
@@ -75,7 +74,8 @@ class Policy(struct.PyTreeNode):
         self, flat: jax.Array, memory: Any, key: jax.Array, deterministic: bool = False
     ) -> Decision:
         """Do as `act`, not compiled, for observations that are rows [..., O] already."""
-        action, after, noted = self.agent.act(self.params, self.seen(flat), memory, key, deterministic)
+        seen = self.seen(flat)
+        action, after, noted = self.agent.act(self.params, seen, memory, key, deterministic)
         option = self.agent.option_of(noted)
         return in_32_bits(Decision(self.spec.action.clip(action), after, option))
 
