@@ -116,11 +116,15 @@ def run_episodes(
         in_32_bits(policy.initial_memory(key_memory, (num_episodes,))),
         jnp.ones(num_episodes, bool),
     )
-    limit = spec_of(env).episode_length
-    keys = jax.random.split(key_steps, -(-limit // action_repeat_of(env)))
+    keys = jax.random.split(key_steps, _most_actions(env))
     (_, _, alive), steps = jax.lax.scan(step, start, (keys, options))
     success = jax.tree.map(lambda x: x.max(axis=0), steps.pop("success"))
     return in_32_bits(Trajectories(**steps, terminated=~alive, success=success))
+
+
+def _most_actions(env: Env) -> int:
+    """Return how many actions a task's time limit lets an episode have."""
+    return -(-spec_of(env).episode_length // action_repeat_of(env))
 
 
 def run_in_gymnasium(

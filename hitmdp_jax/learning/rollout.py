@@ -11,6 +11,8 @@ from hitmdp_jax.envs.vector import Step, VectorEnv, VectorState
 from hitmdp_jax.learning.normalization import normalize
 from hitmdp_jax.precision import in_32_bits
 
+OUTCOME = ("next_obs", "reward", "terminated", "truncated", "started")  # of a `Batch`, by `Step`
+
 
 class Actor(Protocol):
     """The half of an agent that a rollout needs; see `agents.base.Agent`."""
@@ -92,26 +94,21 @@ def collect(
         env_state, outcome = env.step(carry.env, action)
         ended = outcome.terminated | outcome.truncated
         fresh = in_32_bits(agent.initial_memory(key_memory, ended.shape))
-
-        def restart(new: jax.Array, old: jax.Array) -> jax.Array:
-            return jnp.where(ended.reshape(-1, *([1] * (old.ndim - 1))), new, old)
-
-        new_memory = jax.tree.map(restart, fresh, new_memory)
+        new_memory = where_ended(ended, fresh, new_memory)
         return RolloutState(env_state, new_memory), (obs, memory, action, record, outcome)
 
     state, (obs, memory, action, record, outcome) = jax.lax.scan(
         step, state, jax.random.split(key, length)
     )
-    batch = Batch(
-        obs=obs,
-        next_obs=outcome.next_obs,
-        action=action,
-        memory=memory,
-        record=record,
-        reward=outcome.reward,
-        terminated=outcome.terminated,
-        truncated=outcome.truncated,
-        started=outcome.started,
-        normalizer=normalizer,
-    )
-    return state, batch, outcome
+    seen = {"obs": obs, "action": action, "memory": memory, "record": record}
+    led_to = {name: getattr(outcome, name) for name in OUTCOME}
+    return state, Batch(**seen, **led_to, normalizer=normalizer), outcome
+
+
+def where_ended(ended: jax.Array, fresh: Any, memory: Any) -> Any:
+    """Return a memory [B, ...], a fresh one where the episode [B] has ended."""
+
+    def choose(new: jax.Array, old: jax.Array) -> jax.Array:
+        return jnp.where(ended.reshape(-1, *([1] * (old.ndim - 1))), new, old)
+
+    return jax.tree.map(choose, fresh, memory)
