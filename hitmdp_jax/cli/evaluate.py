@@ -15,10 +15,16 @@ from rich.console import Console
 from rich.table import Table
 
 from hitmdp_jax import plugins
-from hitmdp_jax.cli.policies import evaluation_key, load_config, load_named
+from hitmdp_jax.cli.policies import evaluation_key, load_config, load_named, on_task
 from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.errors import UsageError, warn
-from hitmdp_jax.interpret.evaluation import Scores, check_request, score_each, task_env
+from hitmdp_jax.interpret.evaluation import (
+    Scores,
+    check_fit,
+    check_request,
+    score_each,
+    task_env,
+)
 from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, summary
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.interpret.option_use import number_of_options
@@ -41,7 +47,13 @@ COLUMNS: tuple[str, ...] = (
 
 def run(arguments: argparse.Namespace) -> None:
     """Do what `hitmdp evaluate` says; Raises UsageError as what it calls."""
-    config = load_config(arguments)
+    config = load_config(arguments, with_task=False)
+    if arguments.env is not None:
+        config = on_task(config, arguments.env)
+    elif not config.tasks:
+        raise UsageError(
+            "The run was saved from Python and names no task: name one, as --env halfcheetah."
+        )
     chosen = places(config.trainings, arguments.seed, arguments.setting)
     engine = config.physics if arguments.engine is None else arguments.engine
     check_request(engine, arguments.episodes)
@@ -57,6 +69,8 @@ def run(arguments: argparse.Namespace) -> None:
     trainings = [config.trainings[place] for place in chosen]
     keys = [evaluation_key(training) for training in trainings]
     policies, task = everyone.of(np.array(chosen)), config.task_at(iteration)
+    if arguments.env is not None:  # Gymnasium would not say
+        check_fit(everyone.of(0), task_env(task, stepped))
     deterministic = arguments.deterministic
     scores = score_each(policies, task, engine, arguments.episodes, keys, deterministic)
     simulator = simulated_by(task, engine)

@@ -5,6 +5,7 @@ Only this is imported to answer `--help` and a mistake on the command line.
 
 import argparse
 import inspect
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
@@ -12,6 +13,9 @@ from typing import Any, NoReturn
 from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.figures.registry import summaries
 from hitmdp_jax.runs.folder import require_run
+
+
+LATEST = "latest"  # for a RUN_DIR: the newest run under runs/
 
 
 class Parser(argparse.ArgumentParser):
@@ -29,6 +33,8 @@ class Parser(argparse.ArgumentParser):
 def parsed(command: str, words: Sequence[str]) -> argparse.Namespace:
     """Return what the words after a command's name say; each RUN_DIR is a run's folder.
 
+    `latest` stands for the newest run under runs/, and which one that is is said on stderr.
+
     Raises:
       UsageError: a word is not one of the command's, or a folder holds no run.
     """
@@ -44,9 +50,20 @@ def parsed(command: str, words: Sequence[str]) -> argparse.Namespace:
     arguments = parser.parse_args(words)
     if command == "figure" and arguments.name not in (names := summaries()):
         raise unknown_name("figure", arguments.name, names)
-    for run_dir in arguments.run_dirs:
-        require_run(run_dir)
+    arguments.run_dirs = [_named(run_dir) for run_dir in arguments.run_dirs]
     return arguments
+
+
+def _named(run_dir: Path) -> Path:
+    """Return the run that a word names; Raises as `parsed`."""
+    if str(run_dir) != LATEST:
+        require_run(run_dir)
+        return run_dir
+    from hitmdp_jax.runs.claim import newest  # it imports all that reads checkpoints
+
+    run_dir = newest()
+    print(f"{LATEST} is {run_dir}", file=sys.stderr)  # what a command prints is its answer alone
+    return run_dir
 
 
 def _evaluate(parser: Parser) -> None:
@@ -57,6 +74,8 @@ def _evaluate(parser: Parser) -> None:
     _checkpoint(parser)
     _whole(parser, "--episodes", "episodes of each seed", default=50)
     _engine(parser, "mjx, native, warp or gymnasium")
+    meaning = "score on this task instead, whose observations and actions have the same sizes"
+    parser.add_argument("--env", metavar="TASK", help=meaning)
     _deterministic(parser)
     _switch(parser, "--choices", "score them also where something else chooses their options")
     _switch(parser, "--json", "print JSON instead of a table")
@@ -120,7 +139,8 @@ def _figure(parser: Parser) -> None:
 
 
 def _run_dirs(parser: Parser, number: int | str, meaning: str) -> None:
-    parser.add_argument("run_dirs", type=Path, nargs=number, metavar="RUN_DIR", help=meaning)
+    more = f"{meaning}; {LATEST}: the newest under runs/"
+    parser.add_argument("run_dirs", type=Path, nargs=number, metavar="RUN_DIR", help=more)
 
 
 def _policy(parser: Parser) -> None:

@@ -1,13 +1,15 @@
 """How a command line names one policy of a run, and where what is made of it goes."""
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import NamedTuple
 
 import jax
 
-from hitmdp_jax.cli.settings import writable
-from hitmdp_jax.runs.config import RunConfig, Task
+from hitmdp_jax.cli.settings import Settings, task_setting, writable
+from hitmdp_jax.envs import engine_for
+from hitmdp_jax.runs.config import RunConfig, Task, trust_named
 from hitmdp_jax.runs.folder import is_policy, made, refuse_link
 from hitmdp_jax.runs.policy import Policy, load_all, places
 from hitmdp_jax.training.sweep import Training
@@ -45,6 +47,23 @@ def load_config(arguments: argparse.Namespace, with_task: bool = True) -> RunCon
     if with_task:
         config.task_at(1)
     return config
+
+
+def on_task(config: RunConfig, name: str) -> RunConfig:
+    """Return a run's settings with another task in place of its own, whose actions last as long.
+
+    Args:
+      config: the run's.
+      name: the task, as `env=` names it.
+
+    Raises:
+      UsageError: there is no such task.
+    """
+    values = Settings([f"env={name}"]).values()
+    trust_named(values, remember=True)  # this user's command line names it
+    task = task_setting(values) | {"action_repeat": config.action_repeat}
+    engine = engine_for(task["name"], config.physics)
+    return dataclasses.replace(config, env=task, second_env=None, physics=engine)
 
 
 def load_named(arguments: argparse.Namespace) -> tuple[int, Policy]:

@@ -214,9 +214,15 @@ def run_config(values: dict[str, Any], trust: bool = True) -> "RunConfig":
     values = {name: x for name, x in values.items() if name not in HOST_SETTINGS}
     if (source := folder_setting(values, "init_from")) is not None:
         values["init_from"] = str(source.absolute())
-    if isinstance(task := values["env"], dict) and isinstance(task.get("name"), str):
-        values["env"] = tasks.defaults(task["name"]) | task
+    values["env"] = task_setting(values)
     return RunConfig.from_mapping(values)
+
+
+def task_setting(values: Mapping[str, Any]) -> Any:
+    """Return the task among a command line's values, its keywords in full; if it is one."""
+    task = values["env"]
+    named = isinstance(task, dict) and isinstance(task.get("name"), str)
+    return tasks.defaults(task["name"]) | task if named else task
 
 
 def folder_setting(values: dict[str, Any], name: str = "run_dir") -> Path | None:

@@ -6,6 +6,7 @@ A row is a command line and a part of the sentence that explains its mistake (co
 import pytest
 
 UNFILMED = "cannot be filmed: it has no MuJoCo model and no method draw."
+START = "env=toy/turkey algo=ppo init_from=run"
 TRAIN = [
     # Names
     ("env=halfchetah", "Unknown environment 'halfchetah'; did you mean 'halfcheetah'?"),
@@ -216,7 +217,7 @@ TRAIN = [
     ("resume=notes.txt", "'notes.txt' is not a run's folder"),
     ("distributed=2", "distributed = 2 must be true or false"),
     ("-m distributed=true seed=0,1", "leave -m out"),
-    ("resume=latest", "resume=latest finds no run"),
+    ("resume=latest", "latest names no run: there is none under 'runs' that has saved anything."),
     ("resume=run env=ant", "data_devices can be changed, not 'env'"),
     ("resume=run algo.gamma=0.9", "data_devices can be changed, not 'algo.gamma'"),
     ("resume=run run_dir=other", "data_devices can be changed, not 'run_dir'"),
@@ -227,6 +228,23 @@ TRAIN = [
     ("resume=torn", "No checkpoint in"),
     ("resume=garbage", "No checkpoint in"),
     ("resume=misfit", "does not fit its config.yaml"),
+    # Beginning with what another run learned
+    ("init_from=", "init_from = '' names no folder"),
+    ("init_from=nowhere", "nowhere' is not a run's folder: it has no config.yaml."),
+    ("init_from=empty", "empty' is not a run's folder"),
+    ("init_from=notes.txt", "notes.txt' is not a run's folder"),
+    ("init_from=true", "init_from = True names no folder"),
+    ("init_from=unsaved", "holds no checkpoint"),
+    ("init_from=torn", "No checkpoint in"),
+    (f"{START} algo.hidden_sizes=[8] init_parts=policy", "nothing fits. What it holds observes"),
+    ("env=toy/cue algo=ppo init_from=run init_parts=optimizer", "run: nothing fits."),
+    (f"{START} init_parts=polcy", "Unknown part of init_parts 'polcy'; did you mean 'policy'?"),
+    (f"{START} init_parts=policy,actor", "Unknown part of init_parts 'actor'"),
+    (f"{START} init_parts=", "Unknown part of init_parts ''"),
+    (f"{START} init_parts=[]", "init_parts = [] must name some of policy, critic,"),
+    ("init_parts=policy", "init_parts = policy has no say: init_from names no run."),
+    ("resume=run init_from=run", "data_devices can be changed, not 'init_from'"),
+    ("resume=run init_parts=policy", "data_devices can be changed, not 'init_parts'"),
     # Own files
     ("env=missing.py:Task", "names no file"),
     ("env=own.py:Missing", "Unknown class of"),

@@ -1,14 +1,28 @@
 """`python -m hitmdp_jax evaluate` as a user runs it."""
 
 import json
+import os
 import shutil
 import threading
 
 import numpy as np
 import pytest
+import yaml
 
+import hitmdp_jax
+from hitmdp_jax.agents import PPO
 from hitmdp_jax.cli.evaluate import append
 from tests.cli.conftest import rows_of
+from tests.probes import untrained
+
+HALVED = """
+from hitmdp_jax.envs.suites.gym.inverted_pendulum import InvertedPendulum
+
+class Halved(InvertedPendulum):
+    def step(self, state, action):
+        state = super().step(state, action)
+        return state.replace(reward=state.reward / 2)
+"""
 
 
 @pytest.fixture
@@ -55,6 +69,48 @@ def test_other_choices_of_options_are_scored_too(evaluated, run_dir):
     assert row["worst_option"] <= row["best_option"]
     assert len(rows_of(run_dir, "evaluations.csv")) == before + 1
     assert "by what chooses the options" in evaluated(*arguments)
+
+
+def test_another_task_of_the_same_sizes(evaluated, run_dir, tmp_path):
+    """One that pays half as much for the same episodes."""
+    (tmp_path / "own.py").write_text(HALVED)
+    arguments = ("--episodes", "2", "--json")
+    own = json.loads(evaluated(run_dir, *arguments))
+    other = json.loads(evaluated(run_dir, *arguments, "--env", tmp_path / "own.py:Halved"))
+    for one, half in zip(own, other, strict=True):
+        assert half["return"] == pytest.approx(one["return"] / 2)
+        assert half["length"] == one["length"]
+    written = rows_of(run_dir, "evaluations.csv")[-4:]
+    tasks = ["invertedpendulum", "invertedpendulum", "own.Halved", "own.Halved"]
+    assert [row["task"] for row in written] == tasks
+
+
+def test_a_run_saved_from_python_is_scored_on_a_task_that_is_named(evaluated, tmp_path):
+    """As a run is whose settings name that task."""
+    arguments = ("--episodes", "2", "--json")
+    agent = PPO(hidden_sizes=(8,))
+    hitmdp_jax.save(tmp_path / "saved", agent, untrained(agent, 2))
+    rows = json.loads(evaluated(tmp_path / "saved", *arguments, "--env", "toy/turkey"))
+    assert [row["task"] for row in rows] == ["toy/turkey"] * 2
+    named = shutil.copytree(tmp_path / "saved", tmp_path / "named")
+    settings = yaml.safe_load((named / "config.yaml").read_text())
+    settings["env"] = {"name": "toy/turkey"}
+    (named / "config.yaml").write_text(yaml.safe_dump(settings))
+    assert json.loads(evaluated(named, *arguments)) == rows
+
+
+def test_latest_is_the_newest_run(command, finished, tmp_path):
+    for name, time in (("a", 2_000_000_000), ("b", 1_000_000_000)):
+        shutil.copytree(finished[0], tmp_path / "runs" / name)
+        for file in ("config.yaml", "metrics.csv"):
+            os.utime(tmp_path / "runs" / name / file, (time, time))
+    result = command("evaluate", "latest", "--episodes", "1", "--json", cwd=tmp_path)
+    assert (result.returncode, result.stderr) == (0, "latest is runs/a\n")
+    assert len(json.loads(result.stdout)) == 2
+    assert len(rows_of(tmp_path / "runs/a", "evaluations.csv")) == 6
+    assert len(rows_of(tmp_path / "runs/b", "evaluations.csv")) == 4
+    result = command("figure", "learning_curve", "latest", cwd=tmp_path)
+    assert result.stdout == "runs/a/figures/learning_curve.png\n"
 
 
 def test_the_columns_of_an_older_version_gain_those_that_it_did_not_have(tmp_path):

@@ -113,6 +113,24 @@ def test_resuming_continues_exactly(command, finished, tmp_path):
     assert [event.step for event in events] == [2048 * i for i in range(1, 9)]
 
 
+def test_a_run_that_began_with_another_resumes_without_beginning_with_it_again(
+    command, finished, tmp_path
+):
+    """Nor is the source read: it is gone by then."""
+    source = shutil.copytree(finished[0], tmp_path / "source")
+    arguments = (*FINISHED, f"init_from={source}", "init_parts=policy,normalizer")
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    result = command("train", *arguments, "total_steps=8192", f"run_dir={whole}")
+    begins = f"Begins with 2 trainings in {source}, after iteration 4; starting anew: critic"
+    assert begins in result.stdout
+    command("train", *arguments, "total_steps=4096", f"run_dir={parts}")
+    shutil.rmtree(source)
+    result = command("train", f"resume={parts}", "total_steps=8192", "report=false")
+    assert result.returncode == 0, result.stderr
+    assert "Begins with" not in result.stdout
+    assert_same_run(whole, parts)
+
+
 def test_a_finished_run_says_so(command, finished):
     before = sorted(finished[0].rglob("*"))
     result = command("train", f"resume={finished[0]}")
