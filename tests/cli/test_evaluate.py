@@ -109,8 +109,8 @@ def test_latest_is_the_newest_run(command, finished, tmp_path):
     assert len(json.loads(result.stdout)) == 2
     assert len(rows_of(tmp_path / "runs/a", "evaluations.csv")) == 6
     assert len(rows_of(tmp_path / "runs/b", "evaluations.csv")) == 4
-    result = command("figure", "learning_curve", "latest", cwd=tmp_path)
-    assert result.stdout == "runs/a/figures/learning_curve.png\n"
+    result = command("figure", "figure5", "latest", cwd=tmp_path)
+    assert result.stdout == "runs/a/figures/figure5.png\n"
 
 
 def test_the_columns_of_an_older_version_gain_those_that_it_did_not_have(tmp_path):
