@@ -14,7 +14,6 @@ from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.figures.registry import summaries
 from hitmdp_jax.runs.folder import require_run
 
-
 LATEST = "latest"  # for a RUN_DIR: the newest run under runs/
 
 

@@ -145,7 +145,8 @@ def newest(root: Path = RUNS) -> Path:
     paths = [path for path in root.rglob(CONFIG) if str(path).isprintable()]
     runs = [path.parent for path in paths if saved_iterations(path.parent)]
     if not runs:
-        raise UsageError(f"latest names no run: there is none under '{root}' that has saved anything.")
+        none = f"there is none under '{root}' that has saved anything"
+        raise UsageError(f"latest names no run: {none}.")
     files = (METRICS, CONFIG)
     times = {run: [(run / f).stat().st_mtime for f in files if (run / f).exists()] for run in runs}
     return max(runs, key=lambda run: max(times[run]))

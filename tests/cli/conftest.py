@@ -55,8 +55,8 @@ def command(variables, tmp_path_factory):
     programs, known = Run.programs, {}
 
     def shared(run, task):
-        beside = {"seed", "total_steps", "init_from", "init_parts", *BESIDE_THE_POINT} - {"data_devices"}
-        beside = dict.fromkeys(beside, 1)
+        beside = {"seed", "total_steps", "init_from", "init_parts", *BESIDE_THE_POINT}
+        beside = dict.fromkeys(beside - {"data_devices"}, 1)
         compiled = str(dataclasses.replace(run.config, **beside)), task
         return known.get(compiled) or known.setdefault(compiled, programs(run, task))
 
