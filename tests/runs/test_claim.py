@@ -131,7 +131,7 @@ def test_a_keyword_that_an_older_run_did_not_have_yet_is_at_its_default(tmp_path
 
 
 def test_the_newest_run_is_found(tmp_path):
-    with pytest.raises(UsageError, match="finds no run"):
+    with pytest.raises(UsageError, match="latest names no run"):
         newest(tmp_path)
     for run_dir in (tmp_path / "a" / "b", tmp_path / "c"):
         claim(run_dir, CONFIG)
