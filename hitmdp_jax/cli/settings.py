@@ -46,7 +46,7 @@ HELP = "python train.py --help"  # which lists groups, choices and settings
 # Of Hydra's own settings those that a run with -m heeds; the group -> the choices that an
 # installation adds, and how.
 HYDRA_GROUPS = {
-    "hydra/launcher": dict.fromkeys(("submitit_local", "submitit_slurm"), "-e '.[slurm]'"),
+    "hydra/launcher": dict.fromkeys(("submitit_local", "submitit_slurm"), "'hitmdp-jax[slurm]'"),
     "hydra/sweeper": {"optuna": "hydra-optuna-sweeper"},
 }
 
