@@ -47,7 +47,7 @@ def meanings(settings: Settings, job: list[str]) -> dict[str, str]:
     Files of one's own, and tasks of other libraries, do not say what theirs mean.
     """
     values = settings.values(job)
-    found = comments(settings.folder / "config.yaml")
+    found = comments((settings.folder / "config").with_suffix(".yaml"))
     for name in values["algo"]["name"], OWN:
         if (file := settings.folder / "algo" / f"{name}.yaml").is_file():
             return found | comments(file, "algo.") | _keywords(values)

@@ -292,7 +292,8 @@ def _literal(text: str, multirun: bool) -> str:
     """Return an argument in which a path is quoted, but for a list of them that -m takes."""
     name, _, value = text.partition("=")
     is_path = name in PATHS or (name in OWN_GROUPS and plugins.is_own(value))
-    listed = value in ("true", "false") or value[:1] == "[" or (multirun and "," in value)
+    in_brackets = name == "init_parts" and value[:1] == "["  # elsewhere it may begin a path
+    listed = value in ("true", "false") or in_brackets or (multirun and "," in value)
     return f"{name}={quoted(value)}" if is_path and not listed else text
 
 

@@ -14,7 +14,7 @@ def test_loss_at_the_old_policy_is_by_hand(key):
     @jax.jit
     def evaluate(key):
         params = agent.init(key, agent.spec).params
-        policy, value = agent.heads(params, obs)
+        policy, value, _ = agent.heads(params, obs)
         data = {
             "obs": obs,
             "action": action,

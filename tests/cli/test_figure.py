@@ -8,7 +8,7 @@ from PIL import Image
 
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.figures.registry import summaries
-from hitmdp_jax.video import filmstrip
+from hitmdp_jax.video import pictures
 from tests.cli.conftest import QUICK
 
 OF_MODELS = ("contraction", "variance")  # which are drawn of no run
@@ -53,7 +53,7 @@ def test_an_episode_is_a_film_where_pictures_can_be_drawn(command, run_dir, monk
     def fail(*_):
         raise UsageError("no luck.")
 
-    monkeypatch.setattr(filmstrip, "Painter", fail)
+    monkeypatch.setattr(pictures, "Painter", fail)
     result = command("figure", "figure10", run_dir, "--episodes", "2")
     assert result.stderr == "warning: figure10 shows no pictures: no luck.\n"
     with Image.open(path) as bare:

@@ -65,7 +65,8 @@ class Films:
         monkeypatch.setattr(video.subprocess, "Popen", begin)
         nothing = types.SimpleNamespace(save=lambda progress: None, close=lambda: None)
         monkeypatch.setattr(video, "Checkpoints", lambda folder: nothing)
-        config = types.SimpleNamespace(video_every=1, to_yaml=lambda: "")
+        tasks = [{"name": "hopper"}]
+        config = types.SimpleNamespace(video_every=1, to_yaml=lambda: "", tasks=tasks)
         self.videos = Videos(config, folder)  # type: ignore
 
     def due(self, iteration):

@@ -9,6 +9,7 @@ from brax.envs.wrappers import training
 import hitmdp_jax
 from hitmdp_jax import physics
 from hitmdp_jax.envs import check_env, check_installed
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError
 
 ON_WARP = ("halfcheetah", "dmc/reacher_easy", "maze/ant_umaze")  # stand for all: tracing takes 2 s
@@ -27,7 +28,8 @@ ON_WARP = ("halfcheetah", "dmc/reacher_easy", "maze/ant_umaze")  # stand for all
 def test_states_keep_structure_under_step(name, engine):
     env = hitmdp_jax.make_env(name, physics=engine)
     state = jax.eval_shape(env.reset, jax.random.key(0))
-    after = jax.eval_shape(env.step, state, jax.ShapeDtypeStruct((env.action_size,), float))
+    action = spec_of(env).action
+    after = jax.eval_shape(env.step, state, jax.ShapeDtypeStruct(action.shape, action.dtype))
     assert jax.tree.map(lambda x: (x.shape, x.dtype), state) == jax.tree.map(
         lambda x: (x.shape, x.dtype), after
     )
@@ -37,11 +39,13 @@ def test_states_keep_structure_under_step(name, engine):
 @pytest.mark.parametrize("name", hitmdp_jax.list_envs())
 def test_braxs_own_trainers_can_wrap_every_task(name):
     """Their wrappers keep fields of their own in `info` and `metrics`, through every step."""
-    env = training.wrap(hitmdp_jax.make_env(name, physics="native"), episode_length=8)
-    env = training.EvalWrapper(env)
+    task = hitmdp_jax.make_env(name, physics="native")
+    env = training.EvalWrapper(training.wrap(task, episode_length=8))
+    action = spec_of(task).action
     keys = jax.random.split(jax.random.PRNGKey(0), 2)  # keys of the old kind, as theirs are
     state = jax.eval_shape(env.reset, keys)
-    after = jax.eval_shape(env.step, state, jax.ShapeDtypeStruct((2, env.action_size), float))
+    actions = jax.ShapeDtypeStruct((2, *action.shape), action.dtype)
+    after = jax.eval_shape(env.step, state, actions)
     assert jax.tree.structure(state) == jax.tree.structure(after)
 
 

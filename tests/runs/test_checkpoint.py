@@ -93,6 +93,7 @@ class Learner(struct.PyTreeNode):
 class Normalizer(struct.PyTreeNode):
     mean: jax.Array
     std: jax.Array
+    count: jax.Array
 
 
 class Small(struct.PyTreeNode):
@@ -108,7 +109,9 @@ class Small(struct.PyTreeNode):
         of_observations = jnp.full((2, 3), iteration, jnp.float32)
         params = {"w": jax.random.normal(jax.random.key(iteration), (2, 50))}
         keys = jax.random.split(jax.random.key(0), 2)
-        return cls(keys, Learner(params), Normalizer(of_observations, of_observations))
+        count = jnp.full(2, iteration, jnp.float32)
+        normalizer = Normalizer(of_observations, of_observations, count)
+        return cls(keys, Learner(params), normalizer)
 
 
 @pytest.fixture(scope="module")

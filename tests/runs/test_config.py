@@ -7,7 +7,7 @@ import yaml
 from hitmdp_jax.agents import AGENTS
 from hitmdp_jax.agents.base import hyperparameters_of
 from hitmdp_jax.cli.settings import HOST_SETTINGS, Settings
-from hitmdp_jax.envs import list_envs
+from hitmdp_jax.envs import suite_names
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.runs.config import RunConfig
 
@@ -50,11 +50,12 @@ def test_every_setting_of_the_yaml_is_known():
 
 def test_every_pair_names_two_tasks():
     pairs = {p.stem: p for p in (CONFIGS / "pair").glob("*.yaml") if p.stem != "none"}
-    assert set(pairs) == {"cartpole", "reacher", "cheetah", "fish", "walker1", "walker2"}
+    of_dmc = {"cartpole", "reacher", "cheetah", "fish", "walker1", "walker2"}
+    assert set(pairs) == {*of_dmc, "fourrooms"}
     for path in pairs.values():
         settings = yaml.safe_load(path.read_text())
-        assert settings["defaults"][0]["override /env"] in list_envs()
-        assert settings["second_env"]["name"] in list_envs()
+        assert settings["defaults"][0]["override /env"] in suite_names()
+        assert settings["second_env"]["name"] in suite_names()
 
 
 @pytest.mark.parametrize("algo", sorted(AGENTS))
