@@ -1,5 +1,9 @@
 """Nothing depends on JAX's default of 32 or 64 bits: no type, and no number but by rounding."""
 
+import os
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -123,15 +127,16 @@ def test_training_and_evaluation_give_the_same_numbers():
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-4), wide, default)
 
 
-def test_the_command_line_trains_and_evaluates_under_x64(command, tmp_path):
-    """Under the setting itself, which JAX_ENABLE_X64 makes: a context ends with its thread."""
+def test_the_command_line_trains_and_evaluates_under_x64(tmp_path):
+    """In a process of its own: what was traced before the setting changed would be used after."""
     algo = [f"algo.{k}={v}" for k, v in QUICK["algo"].items() if k != "name"]
     settings = ("algo=ppo", *algo, "env=invertedpendulum", "physics=native", "total_steps=2048")
-    jax.config.update("jax_enable_x64", True)
-    try:
-        evaluated = ("eval_every=2048", "eval_episodes=2", "report=false", f"run_dir={tmp_path}")
-        out = command("train", *settings, *evaluated)
-    finally:
-        jax.config.update("jax_enable_x64", False)
+    evaluated = ("eval_every=2048", "eval_episodes=2", "report=false", f"run_dir={tmp_path}")
+    out = subprocess.run(
+        [sys.executable, "-m", "hitmdp_jax", "train", *settings, *evaluated],
+        env=os.environ | {"JAX_ENABLE_X64": "1"},
+        capture_output=True,
+        text=True,
+    )
     assert out.returncode == 0, out.stderr
     assert (tmp_path / "evaluations.csv").read_text().count("\n") == 2

@@ -5,12 +5,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from brax.training.acme.running_statistics import RunningStatisticsState
 from flax import struct
 
 import hitmdp_jax
 from hitmdp_jax.agents import PPO
 from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.learning.normalization import statistics_of
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress, saved_iterations
 from tests.probes import Target, spec_of_sizes
 
@@ -90,18 +92,12 @@ class Learner(struct.PyTreeNode):
     params: dict
 
 
-class Normalizer(struct.PyTreeNode):
-    mean: jax.Array
-    std: jax.Array
-    count: jax.Array
-
-
 class Small(struct.PyTreeNode):
     """What a checkpoint needs of a state: its files are of the same kinds, and read quickly."""
 
     key: jax.Array
     learner: Learner
-    normalizer: Normalizer
+    normalizer: RunningStatisticsState
     spec: Spec = struct.field(pytree_node=False, default=spec_of_sizes(3, 1))
 
     @classmethod
@@ -110,7 +106,7 @@ class Small(struct.PyTreeNode):
         params = {"w": jax.random.normal(jax.random.key(iteration), (2, 50))}
         keys = jax.random.split(jax.random.key(0), 2)
         count = jnp.full(2, iteration, jnp.float32)
-        normalizer = Normalizer(of_observations, of_observations, count)
+        normalizer = statistics_of(of_observations, of_observations, count)
         return cls(keys, Learner(params), normalizer)
 
 
