@@ -11,12 +11,14 @@ if TYPE_CHECKING:
     from hitmdp_jax.errors import UsageError
     from hitmdp_jax.runs.policy import load
     from hitmdp_jax.runs.saving import save
+    from hitmdp_jax.training.callbacks import Callback
     from hitmdp_jax.training.policy import Policy
     from hitmdp_jax.training.program import make_train, train
     from hitmdp_jax.training.state import TrainState
     from hitmdp_jax.version import __version__
 
 __all__ = [
+    "Callback",
     "Policy",
     "Spec",
     "TrainState",
@@ -42,6 +44,7 @@ __getattr__, __dir__ = lazy.attach(
         **dict.fromkeys(("list_envs", "make_env", "register_env"), "envs"),
         **dict.fromkeys(("Spec", "spec_of"), "envs.spec"),
         "load": "runs.policy",
+        "Callback": "training.callbacks",
         "Policy": "training.policy",
         "save": "runs.saving",
         **dict.fromkeys(("make_train", "train"), "training.program"),

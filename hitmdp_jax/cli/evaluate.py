@@ -29,12 +29,13 @@ from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, summary
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.interpret.option_use import number_of_options
 from hitmdp_jax.reading import read_rows
+from hitmdp_jax.runs.callbacks import learned
 from hitmdp_jax.runs.checkpoint import Progress
 from hitmdp_jax.runs.config import RunConfig, Task
 from hitmdp_jax.runs.folder import EVALUATIONS, alone, is_policy, write
 from hitmdp_jax.runs.host import set_up_host, solver_of
 from hitmdp_jax.runs.interrupt import StopRequest
-from hitmdp_jax.runs.policy import Policy, places
+from hitmdp_jax.runs.policy import places
 from hitmdp_jax.runs.sinks.csv import kept_aside
 from hitmdp_jax.training.sweep import PREFIX, Training
 
@@ -198,11 +199,8 @@ class Evaluation:
 
     def __call__(self, progress: Progress, env_steps: int) -> dict[str, np.ndarray]:
         """Return the mean return of each training [R]."""
-        config, state = self._config, progress.state
-        assert state is not None
-        here = jax.local_devices()[0]
-        learned = jax.device_put((state.learner.params, state.normalizer), here)
-        everyone = Policy(config.make_agent().replace(**config.swept).bind(state.spec), *learned)
+        config = self._config
+        everyone = learned(config, progress)
         keys = [
             jax.random.fold_in(evaluation_key(training), progress.iteration)
             for training in config.trainings

@@ -209,6 +209,12 @@ def run_config(values: dict[str, Any], trust: bool = True) -> "RunConfig":
     """
     from hitmdp_jax.runs.config import RunConfig, trust_named
 
+    if isinstance(names := values.get("callbacks"), list | str):
+        listed = [names] if isinstance(names, str) else names
+        own = [
+            plugins.absolute(x) if isinstance(x, str) and plugins.is_own(x) else x for x in listed
+        ]
+        values = values | {"callbacks": own}
     if trust:
         trust_named(values, remember=True)
     values = {name: x for name, x in values.items() if name not in HOST_SETTINGS}

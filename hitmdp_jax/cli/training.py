@@ -2,13 +2,15 @@
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hitmdp_jax.cli.settings import flag_setting, folder_setting, run_config
 from hitmdp_jax.cli.tensorboard import OptionFigures
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.runs import processes
+from hitmdp_jax.runs.callbacks import own_code
 from hitmdp_jax.runs.checkpoint import saved_iterations
 from hitmdp_jax.runs.claim import already_there, claim, is_finished, newest
 from hitmdp_jax.runs.config import RunConfig
@@ -16,6 +18,9 @@ from hitmdp_jax.runs.host import set_up_host, solver_of
 from hitmdp_jax.runs.interrupt import InterruptedRunError
 from hitmdp_jax.runs.memory import check_run_memory
 from hitmdp_jax.runs.run import Run
+
+if TYPE_CHECKING:
+    from hitmdp_jax.runs.reporter import Hook
 
 CHANGEABLE = ("total_steps", "data_devices")  # settings that a resumed run may change
 RESUMABLE = ("resume", "report", "distributed", "trust", *CHANGEABLE)  # what may be set then
@@ -56,6 +61,7 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
         print(f"{run_dir} is finished: {done}. A larger total_steps goes on.")
         return 0
     begun = resume is not None and processes.told(lambda: bool(saved_iterations(resume)))
+    hooks = own_code(config)
     run = Run.create(config)  # or say why not, before a folder is made
     if config.video_every and resume is None:
         from hitmdp_jax.cli.video import check_filming
@@ -68,16 +74,15 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     assert run_dir is not None
     if begins_with and processes.is_first():
         print(begins_with)
-    return _run(run, run_dir, begun, report)
+    return _run(run, run_dir, begun, report, hooks)
 
 
-def _run(run: Run, run_dir: Path, resume: bool, report: bool) -> int:
+def _run(run: Run, run_dir: Path, resume: bool, report: bool, own: Sequence["Hook"]) -> int:
     """Train, draw what was learned, report it and say how it ended."""
     from hitmdp_jax.runs import loop
-    from hitmdp_jax.runs.reporter import Hook
 
     config = run.config
-    hooks: list[Hook] = [OptionFigures(config, run_dir)]
+    hooks: list[Hook] = [OptionFigures(config, run_dir), *own]
     if config.video_every:
         from hitmdp_jax.cli.video import Videos
 
@@ -95,8 +100,9 @@ def _run(run: Run, run_dir: Path, resume: bool, report: bool) -> int:
         return 128 + outcome.signum if outcome.signum else DIVERGED if outcome.diverged else 0
     if outcome.failure:
         raise UsageError(f"The last state is not saved: {outcome.failure}")
-    where = f"Stopped at {outcome.env_steps:,} env steps, saved"
-    print(f"{where if outcome.signum else 'Saved'} in {run_dir}.")
+    where = f"Stopped at {outcome.env_steps:,} env steps, "
+    where += f"as {outcome.stopped}, saved" if outcome.stopped else "saved"
+    print(f"{where if outcome.signum or outcome.stopped else 'Saved'} in {run_dir}.")
     # Matplotlib and SciPy take seconds to import, in which the training could run already.
     from hitmdp_jax.experiments import tables
     from hitmdp_jax.experiments.sweeps import draw_sweep

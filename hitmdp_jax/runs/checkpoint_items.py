@@ -12,6 +12,7 @@ from brax.training.acme.running_statistics import RunningStatisticsState
 
 from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.learning.normalization import count_of
+from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.runs import processes
 from hitmdp_jax.runs.checkpoint_words import Words, digest
 from hitmdp_jax.training.state import TrainState
@@ -33,6 +34,7 @@ class Progress:
     iteration: int  # iterations done, over all tasks
     task: int  # the place of the task that the state belongs to, from 0
     state: TrainState | None  # [S, ...]; None before the first iteration
+    report: Metrics = dataclasses.field(default_factory=dict)  # what hooks are told beside it
 
 
 def items_of(

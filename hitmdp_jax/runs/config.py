@@ -79,6 +79,8 @@ class RunConfig:
     samples: int | None = None
     init_from: str | None = None  # a run's folder, or a policy's file, whose path is absolute
     init_parts: tuple[str, ...] | None = None
+    callbacks: tuple[str, ...] | None = None  # path/to/file.py:Class of each
+    stop_at_return: float | None = None
 
     @classmethod
     def from_mapping(cls, settings: Mapping[str, Any]) -> "RunConfig":
@@ -102,6 +104,9 @@ class RunConfig:
         if values["wandb"] not in WANDB:
             raise unknown_name("wandb", str(values["wandb"]), WANDB)
         values["init_parts"] = _parts(values.get("init_from"), values.get("init_parts"))
+        values["callbacks"] = _callbacks(values.get("callbacks"))
+        if (least := values.get("stop_at_return")) is not None:
+            values["stop_at_return"] = _like("stop_at_return", least, 0.0)
         true_or_false("save_replay", values.get("save_replay", False))
         for name in GROUPS:
             given = values.get(name)
@@ -289,6 +294,9 @@ def trust_named(settings: Mapping[str, Any], remember: bool = False) -> None:
         chosen = settings.get(group)
         if isinstance(chosen, Mapping):
             plugins.trust(str(chosen.get("name")), remember)
+    callbacks = settings.get("callbacks")
+    for name in callbacks if isinstance(callbacks, list | tuple) else (callbacks,):
+        plugins.trust(str(name), remember)
 
 
 def _check_division(num_envs: int, data_devices: int) -> None:
@@ -298,6 +306,18 @@ def _check_division(num_envs: int, data_devices: int) -> None:
             f"num_envs = {num_envs} is not divisible by data_devices = {data_devices}; the nearest "
             f"number below that divides it is {near}."
         )
+
+
+def _callbacks(names: Any) -> tuple[str, ...] | None:
+    """Return the names of callbacks; their files are run by who trains, and nobody else."""
+    if names is None:
+        return None
+    listed = tuple(names) if isinstance(names, list | tuple) else (names,)
+    for name in listed:
+        if not isinstance(name, str) or not plugins.is_own(name):
+            plugins.require_class(str(name))
+            raise out_of_domain("callbacks", name, "a file and its class, as [my.py:MyCallback]")
+    return listed
 
 
 def _parts(init_from: Any, init_parts: Any) -> tuple[str, ...] | None:

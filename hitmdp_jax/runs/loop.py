@@ -38,6 +38,7 @@ class Outcome:
     signum: int | None  # the signal that ended it early
     diverged: dict[Training, tuple[int, str]]  # the iteration, and what was not finite
     failure: str | None  # why the last state is not saved
+    stopped: str | None = None  # why a hook ended it early
 
 
 def run(run: Run, run_dir: Path, *, resume: bool = False, hooks: Sequence[Hook] = ()) -> Outcome:
@@ -84,12 +85,13 @@ def run(run: Run, run_dir: Path, *, resume: bool = False, hooks: Sequence[Hook] 
                     save()
                 raise
             save()
-            if agreement.signum:
+            if agreement.signum or reporter.stopped:
                 break
         if checkpoints:
             checkpoints.close()
         failure = checkpoints.failure if checkpoints else None
-        return outcome(run, progress, agreement.signum, failure)
+        ended = outcome(run, progress, agreement.signum, failure)
+        return dataclasses.replace(ended, stopped=None if ended.finished else reporter.stopped)
 
 
 def begin(run: Run, run_dir: Path, iteration: int) -> tuple[TerminalSink, Sinks]:
@@ -148,7 +150,7 @@ def iterate(
     """
     last = (progress.task + 1) * schedule.iterations
     reporter.begin()
-    while progress.iteration < last and not agreement.signum:
+    while progress.iteration < last and not (agreement.signum or reporter.stopped):
         assert progress.state is not None
         progress.state, metrics = step(progress.state)
         progress.iteration += schedule.iterations_per_report

@@ -1,5 +1,6 @@
 """What a run tells of each report, and what else it does every so often."""
 
+import dataclasses
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -18,7 +19,10 @@ SPEED_WINDOW = 11  # reports whose times make up the speed shown
 
 
 class Hook(Protocol):
-    """Something to do every so often with what was learned so far: an evaluation, a video."""
+    """Something to do every so often with what was learned so far: an evaluation, a video.
+
+    A hook whose `stopped` says why ends the run.
+    """
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -34,7 +38,7 @@ class Hook(Protocol):
         """Return metrics [R] by name.
 
         Args:
-          progress: where the run stands, as a checkpoint keeps it.
+          progress: where the run stands, as a checkpoint keeps it, and its metrics in `report`.
           env_steps: environment steps of a seed until then.
         """
         ...
@@ -70,6 +74,7 @@ class Reporter:
         # window's speed is steady.
         self._times: deque[float] = deque(maxlen=SPEED_WINDOW)
         self.recent_return = float("nan")  # the mean over seeds, of the last report
+        self.stopped: str | None = None  # why a hook stops the run
 
     def begin(self) -> None:
         """Begin with a task: what the one before returned is no measure of it.
@@ -87,9 +92,11 @@ class Reporter:
         for hook in self._hooks:
             extra |= dict.fromkeys(hook.names, np.full(self._size, np.nan))
             if self._schedule.is_due(progress.iteration, hook.every):
-                learned = self._saved(progress)
+                learned = dataclasses.replace(self._saved(progress), report=metrics)
                 if processes.is_first():
                     extra |= hook(learned, self._schedule.steps_after(progress.iteration))
+                stopped = processes.told(lambda: getattr(hook, "stopped", None))  # noqa: B023
+                self.stopped = self.stopped or stopped
         self._pending = progress.iteration, metrics | extra
 
     def flush(self) -> None:

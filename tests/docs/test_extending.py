@@ -5,7 +5,6 @@ import importlib.util
 import inspect
 import json
 import re
-import runpy
 import shlex
 import sys
 from pathlib import Path
@@ -25,8 +24,11 @@ from hitmdp_jax.envs import suites
 from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.figures import catalogue, registry
 from hitmdp_jax.figures.curves import read_metrics
-from hitmdp_jax.runs import sinks
+from hitmdp_jax.runs import loop, sinks
+from hitmdp_jax.runs.callbacks import own_code
+from hitmdp_jax.runs.claim import claim
 from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.run import Run
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extending.md").read_text()
 FILES = dict(re.findall(r"^```python\n# (\S+)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL))
@@ -58,15 +60,14 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def run_dir(folder):
     """What the page's last command leaves, trained small, with the page's sink besides."""
-    (line,) = re.findall(r"`python (train_with_hook\.py .*?)`", PAGE, re.MULTILINE)
-    script, *settings = shlex.split(line)
+    (line,) = re.findall(r"`hitmdp train (.*? callbacks=.*?)`", PAGE)
     jsonl = module_of(folder / "jsonl.py", "hitmdp_jax.runs.sinks.jsonl")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr(sinks, "SINKS", (*sinks.SINKS, jsonl.JsonLines))
         patch.setattr(metrics, "VOCABULARY", metrics.VOCABULARY | metric_of_the_page())
-        patch.setattr(sys, "argv", [script, *settings, "seeds=2", "seed=5", *TINY.split()])
-        runpy.run_path(script, run_name="__main__")
+        config = Settings([*shlex.split(line), "seeds=2", "seed=5", *TINY.split()]).config()
+        loop.run(Run.create(config), claim(None, config), hooks=own_code(config))
     (run_dir,) = (folder / "runs" / "puck.Puck" / "reinforce.Reinforce").iterdir()
     return run_dir
 
@@ -182,7 +183,7 @@ def test_the_engine_is_mujoco_with_the_moons_gravity(folder, monkeypatch):
     np.testing.assert_allclose(state.pipeline_state.qvel[1], -1.62 * env.dt, rtol=1e-2)
 
 
-def test_the_hook_reports_when_it_is_due(run_dir):
+def test_the_callback_reports_when_it_is_due(run_dir):
     found = read_metrics(run_dir)["parameter_norm"]
     assert np.isnan(found[:, 0]).all()  # due every 4096 steps
     for seed, norm in zip((5, 6), found[:, 1], strict=True):

@@ -1,0 +1,81 @@
+"""`callbacks=`: a user's own code, called while a run goes on."""
+
+import inspect
+
+import jax
+import numpy as np
+
+from hitmdp_jax import plugins
+from hitmdp_jax.errors import UsageError
+from hitmdp_jax.runs.checkpoint import Progress
+from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.interrupt import StopRequest
+from hitmdp_jax.runs.sinks import Values
+from hitmdp_jax.training.callbacks import Callback, Moment, StopAtReturn, check_callback, told
+from hitmdp_jax.training.policy import Policy
+
+
+class OwnCode:
+    """Calls a callback of the user's as a hook of the run.
+
+    Args:
+      callback: what is called.
+      config: the run's settings.
+    """
+
+    def __init__(self, callback: Callback, config: RunConfig):
+        self.every, self.names = callback.every, tuple(callback.names)
+        self._callback, self._config = callback, config
+        self.stopped: str | None = None  # why the run is to stop
+
+    def __call__(self, progress: Progress, env_steps: int) -> Values:
+        """Return the callback's metrics [R]; Raises as `told`, and what it raises."""
+        size = len(self._config.trainings)
+        metrics = {name: np.asarray(x)[:size] for name, x in progress.report.items()}
+        policy = learned(self._config, progress)
+        now = Moment(env_steps, progress.iteration, metrics, policy)
+        found = told(self._callback, now)
+        self.stopped = now.stopped
+        return dict(found)
+
+    def close(self, stop: StopRequest) -> None:
+        """Let the callback finish, where it has something to."""
+        self._callback.close()
+
+
+def learned(config: RunConfig, progress: Progress) -> Policy:
+    """Return the policies of a run's trainings as they are now, their leaves [R, ...]."""
+    state = progress.state
+    assert state is not None
+    here = jax.local_devices()[0]
+    params, normalizer = jax.device_put((state.learner.params, state.normalizer), here)
+    return Policy(config.make_agent().replace(**config.swept).bind(state.spec), params, normalizer)
+
+
+def own_code(config: RunConfig) -> list[OwnCode]:
+    """Return what a run's settings ask for, made and checked, before anything is compiled.
+
+    Raises:
+      UsageError: a class is not there, or is no callback; two share a metric's name; or nobody
+        here trusts a file.
+    """
+    found = [_made(name) for name in config.callbacks or ()]
+    names = [metric for callback in found for metric in callback.names]
+    for metric in names:
+        if names.count(metric) > 1:
+            raise UsageError(f"Callbacks have the metric '{metric}' twice: rename one of them.")
+    if config.stop_at_return is not None:
+        found.append(StopAtReturn(config.stop_at_return))
+    return [OwnCode(callback, config) for callback in found]
+
+
+def _made(name: str) -> Callback:
+    kind, label = plugins.load_class(name), f"callbacks: {plugins.label(name)}"
+    needed = [
+        x.name
+        for x in inspect.signature(kind).parameters.values()
+        if x.default is x.empty and x.kind not in (x.VAR_POSITIONAL, x.VAR_KEYWORD)
+    ]
+    if needed:
+        raise UsageError(f"{label} is made without arguments, and asks for {', '.join(needed)}.")
+    return check_callback(kind(), label)
