@@ -68,6 +68,8 @@ def work_of(command: str) -> ModuleType:
     Every core is presented to JAX as a device: a task or an algorithm of the user's own may compute
     as soon as its file is run, and nothing can be set up after that.
     """
+    import hitmdp_jax.quiet_mjx  # noqa: F401  # before whatever of this imports Brax
+
     module = importlib.import_module(f"hitmdp_jax.cli.{command}")
     from hitmdp_jax.runs.host import present_cores
 

@@ -59,6 +59,8 @@ class Suite:
 
     def constructor(self, name: str) -> "Callable[..., Env]":
         """Return what makes the task of that full name, one of `names()`."""
+        import hitmdp_jax.quiet_mjx  # noqa: F401  # before the task's module imports Brax
+
         return pkgutil.resolve_name(f"{self.folder}.{self.tasks[name.removeprefix(self.prefix)]}")
 
     def check(self, name: str, version: str = "v5", **keywords: Any) -> "Callable[..., Env]":
