@@ -122,13 +122,17 @@ class Suite:
         return construct(task, physics, version, keywords)
 
 
+@dataclasses.dataclass(frozen=True)
 class LibrarySuite(Suite):
-    """The tasks of another library.
+    """The tasks of another library, which bring physics of their own.
 
     In `tasks` stands with each name a function that returns the constructor of the task of that
     name, and that may import the library. Where the library is not installed the settings of a run
     can still be read, though their keywords are not checked.
     """
+
+    own_physics: bool = True
+    ours: bool = False
 
     def constructor(self, name: str) -> "Callable[..., Env]":
         """Return what makes the task of that full name, one of `names()`."""

@@ -10,9 +10,7 @@ SUITE = LibrarySuite(
     prefix="craftax/",
     package="craftax",
     extra="craftax",
-    own_physics=True,
     solves=False,
-    ours=False,
     folder=__name__,
     tasks=dict.fromkeys(NAMES, "task:constructor"),
 )

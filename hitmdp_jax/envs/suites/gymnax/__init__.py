@@ -34,9 +34,7 @@ SUITE = LibrarySuite(
     prefix="gymnax/",
     package="gymnax",
     extra="gymnax",
-    own_physics=True,
     solves=False,
-    ours=False,
     folder=__name__,
     tasks=dict.fromkeys(NAMES, "task:constructor"),
 )

@@ -11,6 +11,7 @@ from brax.envs.base import Env, State
 
 from hitmdp_jax.envs.keywords import defaults_of
 from hitmdp_jax.envs.spec import Action, Box, Discrete, Observation, Spec
+from hitmdp_jax.envs.spec_task import SpecTask
 from hitmdp_jax.envs.suites.base import with_keywords
 
 # Observations whose numbers mean different things: the names of the numbers, and the parts.
@@ -22,7 +23,7 @@ SHOWN = {
 }
 
 
-class KeyedTask(Env):
+class KeyedTask(SpecTask):
     """A task of gymnax's interface behind Brax's, one episode at a time.
 
     The library's own restart at the end of an episode is not used: this calls `reset_env` and
@@ -36,8 +37,6 @@ class KeyedTask(Env):
       action_names: of discrete actions; numbers where the library gives none.
       shown: the names of an observation's numbers, and its parts; one part otherwise.
     """
-
-    backend = "none"  # pyright: ignore[reportAssignmentType]
 
     def __init__(
         self,
@@ -55,16 +54,6 @@ class KeyedTask(Env):
         self.spec = Spec(
             observation, action_of(task.action_space(params), action_names), episode_length
         )
-
-    @property
-    def observation_size(self) -> int:
-        """The number of entries of an observation."""
-        return self.spec.observation.size
-
-    @property
-    def action_size(self) -> int:
-        """The number of choices, or of numbers in an action."""
-        return self.spec.action.size
 
     def reset(self, rng: jax.Array) -> State:
         """Start an episode."""

@@ -63,8 +63,6 @@ SUITE = LibrarySuite(
     prefix="playground/",
     package="mujoco_playground",
     extra="playground",
-    own_physics=True,
-    ours=False,
     folder=__name__,
     tasks=dict.fromkeys(NAMES, "task:constructor"),
 )

@@ -9,12 +9,13 @@ import mujoco
 from brax.envs.base import Env
 
 from hitmdp_jax.envs.spec import Box, Spec, observation_of
+from hitmdp_jax.envs.spec_task import SpecTask
 from hitmdp_jax.envs.suites.base import with_keywords
 
 OTHERS = ("action_repeat", "vision")  # settings of the library's own trainers
 
 
-class PlaygroundTask(Env):
+class PlaygroundTask(SpecTask):
     """A task of Playground's, whose states are like Brax's and are left as they are.
 
     Actions are numbers from -1 to 1, as the library's own trainers give them.
@@ -37,23 +38,13 @@ class PlaygroundTask(Env):
         self.task: Any = registry.load(name, config_overrides=overrides)
         length = registry.get_default_config(name).episode_length
         self.episode_length = settings.get("episode_length", length)
-        size = self.action_size
+        size = self.task.action_size
         self.spec = Spec(
             observation_of(jax.eval_shape(self.task.reset, jax.random.key(0)).obs),
             Box((-1.0,) * size, (1.0,) * size),
             self.episode_length,
             float(self.task.dt),
         )
-
-    @property
-    def observation_size(self) -> int:
-        """The number of entries of an observation."""
-        return self.spec.observation.size
-
-    @property
-    def action_size(self) -> int:
-        """The number of actuators."""
-        return self.task.action_size
 
     @property
     def model(self) -> mujoco.MjModel:

@@ -2,15 +2,16 @@
 
 import jax
 import jax.numpy as jnp
-from brax.envs.base import Env, State
+from brax.envs.base import State
 
 from hitmdp_jax.checks import MOST, check_size
 from hitmdp_jax.envs.spec import Discrete, Observation, Spec
+from hitmdp_jax.envs.spec_task import SpecTask
 
 SEEN = ("cue left", "cue right", "corridor", "junction")
 
 
-class Cue(Env):
+class Cue(SpecTask):
     """See a cue, walk down a corridor, and turn to the side that the cue showed.
 
     Observation [4], one-hot: the cue (left or right, each with probability 1/2) in the first step,
@@ -23,24 +24,12 @@ class Cue(Env):
       length: steps from the cue to the junction.
     """
 
-    backend = "none"  # pyright: ignore[reportAssignmentType]
-
     def __init__(self, length: int = 10):
         check_size("length", length, MOST)
         self._length = length
         self.spec = Spec(
             Observation((len(SEEN),), names=SEEN), Discrete(2, ("left", "right")), length + 1
         )
-
-    @property
-    def observation_size(self) -> int:
-        """The number of entries of an observation."""
-        return len(SEEN)
-
-    @property
-    def action_size(self) -> int:
-        """The number of choices."""
-        return self.spec.action.size
 
     def reset(self, rng: jax.Array) -> State:
         """Show a cue."""

@@ -32,9 +32,7 @@ SUITE = LibrarySuite(
     prefix="xminigrid/",
     package="xminigrid",
     extra="xminigrid",
-    own_physics=True,
     solves=False,
-    ours=False,
     folder=__name__,
     tasks=dict.fromkeys(NAMES, "task:constructor"),
 )

@@ -10,11 +10,12 @@ import numpy as np
 from brax.envs.base import Env, State
 
 from hitmdp_jax.envs.spec import Discrete, Observation, Spec
+from hitmdp_jax.envs.spec_task import SpecTask
 
 ACTIONS = ("forward", "turn right", "turn left", "pick up", "put down", "toggle")
 
 
-class MiniGridTask(Env):
+class MiniGridTask(SpecTask):
     """A grid that is seen as the agent sees it, behind Brax's interface.
 
     The observation [V, V, tiles + colours] is one-hot: of each square in view its tile, then its
@@ -26,8 +27,6 @@ class MiniGridTask(Env):
       max_steps: the time limit in steps; None takes the task's own.
     """
 
-    backend = "none"  # pyright: ignore[reportAssignmentType]
-
     def __init__(self, name: str, view_size: int = 7, max_steps: int | None = None):
         from xminigrid.core.constants import NUM_COLORS, NUM_TILES
         from xminigrid.registration import make
@@ -38,16 +37,6 @@ class MiniGridTask(Env):
         self._kinds = NUM_TILES, NUM_COLORS
         observation = Observation((view_size, view_size, sum(self._kinds)))
         self.spec = Spec(observation, Discrete(len(ACTIONS), ACTIONS), limit)
-
-    @property
-    def observation_size(self) -> int:
-        """The number of entries of an observation."""
-        return self.spec.observation.size
-
-    @property
-    def action_size(self) -> int:
-        """The number of choices."""
-        return self.spec.action.size
 
     def reset(self, rng: jax.Array) -> State:
         """Start an episode."""
