@@ -16,7 +16,7 @@ import numpy as np
 from hitmdp_jax import plugins
 from hitmdp_jax.agents import find_agent
 from hitmdp_jax.cli.arms import configs_of, named, train_into
-from hitmdp_jax.cli.published import Places, draw, read_cells, report, tell
+from hitmdp_jax.cli.published import TRUST, Places, draw, read_cells, report, tell
 from hitmdp_jax.cli.settings import Settings, folder_setting, writable
 from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.experiments import experiment as catalogue
@@ -35,7 +35,6 @@ from hitmdp_jax.runs.saving import extract
 
 CHOICE_EPISODES = 8
 OWN = ("tasks", "arms", "results", "page", "run_dir")  # beside the settings of train.py
-TRUST = "--trust"
 TELLERS = {"results": report, "curves": draw}  # what takes the place of an experiment's name
 
 

@@ -13,8 +13,8 @@ from hitmdp_jax.figures.style import Style, styles
 ROW, HEAD = 0.28, 0.9  # inches: a row, and all that is not a row
 
 
-def forest(experiments: Mapping[str, Experiment], cells: Cells) -> Figure | None:
-    """Draw the probability that a seed of the first arm beats one of each other arm.
+def forest(experiments: Mapping[str, Experiment], cells: Cells, arm: str = "mopg") -> Figure | None:
+    """Draw the probability that a seed of an arm beats one of each other arm.
 
     It is the mean over tasks, with its 95% interval; 0.5 is level. A figure has a panel for each
     experiment that has at least two tasks with the two arms.
@@ -22,6 +22,7 @@ def forest(experiments: Mapping[str, Experiment], cells: Cells) -> Figure | None
     Args:
       experiments: name -> experiment.
       cells: what is published.
+      arm: whose probability it is; experiments without it are left out.
 
     Returns:
       The figure, or None where there is nothing to draw.
@@ -29,15 +30,14 @@ def forest(experiments: Mapping[str, Experiment], cells: Cells) -> Figure | None
     panels: dict[str, dict[str, tuple[float, float, float]]] = {}
     looks: dict[str, Style] = {}
     for experiment in experiments.values():
-        first, *others = experiment.arms
-        tasks = {arm: tasks_of(experiment, cells, first, arm) for arm in others}
-        known = {arm: here for arm, here in tasks.items() if len(here) > 1}
+        tasks = {x: tasks_of(experiment, cells, arm, x) for x in experiment.arms if x != arm}
+        known = {other: here for other, here in tasks.items() if len(here) > 1}
         if known:
             panels[experiment.title] = {
-                arm: improvement(here, first, arm) for arm, here in known.items()
+                other: improvement(here, arm, other) for other, here in known.items()
             }
             looks |= styles(
-                {arm: here[0][arm].summary.config.algo["name"] for arm, here in known.items()}
+                {other: here[0][other].summary.config.algo["name"] for other, here in known.items()}
             )
     if not panels:
         return None
@@ -46,13 +46,13 @@ def forest(experiments: Mapping[str, Experiment], cells: Cells) -> Figure | None
     axes = drawn.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
     for panel, (title, rows) in zip(axes, panels.items(), strict=True):
         panel.axvline(0.5, color="black", lw=1, ls=":")
-        for i, (arm, (middle, low, high)) in enumerate(rows.items()):
-            look = looks[arm]
+        for i, (other, (middle, low, high)) in enumerate(rows.items()):
+            look = looks[other]
             reach = np.array([[middle - low], [high - middle]])
             panel.errorbar(middle, i, xerr=reach, color=look.color, marker=look.marker, capsize=3)
         panel.set_yticks(range(len(rows)), list(rows))
         panel.set(xlim=(0.0, 1.0), ylim=(len(rows) - 0.5, -0.5))
         panel.set_title(title, fontsize="medium", loc="left")
         panel.grid(axis="x", alpha=0.3)
-    axes[-1].set_xlabel("how often MOPG returns more than … (0.5: as often as not)")
+    axes[-1].set_xlabel(f"how often {arm} returns more than … (0.5: as often as not)")
     return drawn

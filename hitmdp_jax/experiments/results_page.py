@@ -9,7 +9,12 @@ from hitmdp_jax.experiments.experiment import Experiment
 from hitmdp_jax.experiments.published import BOTH, Cell, Cells
 from hitmdp_jax.experiments.tables import Rows, markdown
 from hitmdp_jax.interpret.comparison import table
-from hitmdp_jax.interpret.statistics import bootstrap_interval, mean_improvement, with_interval
+from hitmdp_jax.interpret.statistics import (
+    bootstrap_interval,
+    mean_improvement,
+    number_text,
+    with_interval,
+)
 from hitmdp_jax.interpret.summary import EPISODES, Summary
 from hitmdp_jax.training.sweep import PREFIX
 
@@ -38,6 +43,10 @@ commands below made; nothing here is typed by hand. Returns are undiscounted.
   95% bootstrap interval. Where it holds zero, choosing was worth nothing;
 - *steps/s*: environment steps of all seeds together in a second; *parameters*: of one seed.
 """
+PAIRS = (
+    "How often a seed of the row's arm returns more than one of the column's, mean over the tasks "
+    "that have both:"
+)
 
 
 def page(experiments: Mapping[str, Experiment], cells: Cells, pictures: Mapping[str, str]) -> str:
@@ -68,6 +77,8 @@ def section(name: str, experiment: Experiment, cells: Cells, picture: str | None
     parts += [f"![what was found]({picture})\n"] if picture else []
     if len(together := all_tasks(experiment, cells)) > 1:
         parts += ["All tasks together:\n", markdown(together)]
+    if len(pairs := all_pairs(experiment, cells)) > 2:
+        parts += [f"{PAIRS}\n", markdown(pairs)]
     for task, published in cells.items():
         if published:
             parts += [f"### {task}\n", markdown(task_table(experiment, task, published))]
@@ -161,6 +172,24 @@ def all_tasks(experiment: Experiment, cells: Cells) -> Rows:
         seeds = " or ".join(map(str, counts))
         rows.append([arm, str(len(tasks)), seeds, _told(tasks, arm, control), ours])
     return rows
+
+
+def all_pairs(experiment: Experiment, cells: Cells) -> Rows:
+    """Return how often a seed of each arm beats one of each other, as rows of text.
+
+    Args:
+      experiment: what is asked.
+      cells: those published, by task and arm. What counts are the tasks with both arms, two at
+        least; an arm that has none in common with any is left out.
+    """
+    found = {
+        (arm, other): number_text(float(mean_improvement(*_pairs(tasks, arm, other))), ".2f")
+        for arm, other in itertools.permutations(experiment.arms, 2)
+        if len(tasks := tasks_of(experiment, cells, arm, other)) > 1
+    }
+    arms = [arm for arm in experiment.arms if any(arm in pair for pair in found)]
+    rows = [[arm, *(found.get((arm, other), "") for other in arms)] for arm in arms]
+    return [["", *arms], *rows]
 
 
 def tasks_of(experiment: Experiment, cells: Cells, *arms: str) -> list[Mapping[str, Cell]]:

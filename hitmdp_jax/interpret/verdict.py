@@ -8,7 +8,7 @@ import math
 
 from hitmdp_jax.interpret.interventions import UNIFORM, Effects, Interventions, effects
 
-NEGLIGIBLE = 0.05  # of the return: a smaller difference is called none
+NEGLIGIBLE = 0.05  # of the return: a difference is called none if all of its interval is less
 MOST_EPISODES = 1024  # that a reader is asked to record
 
 
@@ -86,8 +86,8 @@ def _of_one_option(found: Effects, i: int, name: str) -> str:
 def _size(found: Effects, i: int) -> str:
     """Return what kind of difference to the policy's own choices row i has.
 
-    "less" or "more" where the interval of the difference excludes zero and its middle is not
-    negligible; "none" where all of the interval is negligible; else "unclear".
+    "none" where all of the difference's interval is negligible; else "less" or "more" where the
+    interval excludes zero, and "unclear" where it holds zero.
     """
     difference, half, scale = found.difference[i], found.half_width[i], abs(found.mean[0])
     if math.isnan(half):

@@ -10,9 +10,10 @@ import numpy as np
 
 from hitmdp_jax.checks import whole_number
 from hitmdp_jax.errors import UsageError, out_of_domain
+from hitmdp_jax.metrics import REWARD_TERM, describe
 from hitmdp_jax.training.policy import Policy
 
-TAKEN = ("iteration", "env_steps", "seed", "steps_per_second", "evaluation_return")  # by a run
+COUNTED = ("iteration", "env_steps", "seed")  # columns of a table of metrics that are no metrics
 
 
 @dataclasses.dataclass
@@ -98,7 +99,7 @@ def check_callback(callback: Any, name: str) -> Callback:
     if not listed or not all(isinstance(x, str) and x.isidentifier() for x in names):
         raise out_of_domain(f"names of {name}", names, "a tuple of words, such as ('my_metric',)")
     for metric in names:
-        if metric in TAKEN:
+        if metric in COUNTED or describe(metric) is not REWARD_TERM:
             raise UsageError(f"{name}'s metric '{metric}' has the name of a run's own: rename it.")
     return callback
 

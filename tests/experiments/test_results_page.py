@@ -6,7 +6,7 @@ from hitmdp_jax.cli.published import read_cells
 from hitmdp_jax.experiments import experiment
 from hitmdp_jax.experiments.experiment import Experiment
 from hitmdp_jax.experiments.published import Cell
-from hitmdp_jax.experiments.results_page import all_tasks, commands, page, section
+from hitmdp_jax.experiments.results_page import all_pairs, all_tasks, commands, page, section
 from hitmdp_jax.interpret.summary import Summary
 from hitmdp_jax.runs.config import RunConfig
 from tests.cli.conftest import CHECKOUT
@@ -67,6 +67,20 @@ def test_the_first_arm_is_held_against_the_others():
     assert rows == [
         ["mopg", "2", "6", "0.75 [0.75, 0.75]", ""],
         ["dac", "2", "6", "0.25 [0.25, 0.25]", "0.75 [0.75, 0.75]"],
+    ]
+
+
+def test_every_pair_of_arms_is_told_on_the_tasks_that_they_share():
+    cells = {
+        "hopper": {"mopg": cell(3.0, 4.0), "ppo": cell(1.0, 2.0), "dac": cell(1.0, 2.0)},
+        "ant": {"mopg": cell(1.0, 1.0), "ppo": cell(1.0, 1.0)},
+        "reacher": {"ppo": cell(9.0, 9.0), "dac": cell(0.0, 9.0)},
+    }
+    assert all_pairs(EXPERIMENT, cells) == [
+        ["", "mopg", "ppo", "dac"],
+        ["mopg", "", "0.75", ""],  # one task alone with dac
+        ["ppo", "0.25", "", "0.62"],
+        ["dac", "", "0.38", ""],
     ]
 
 
