@@ -96,6 +96,7 @@ class Small(struct.PyTreeNode):
     """What a checkpoint needs of a state: its files are of the same kinds, and read quickly."""
 
     key: jax.Array
+    own: jax.Array  # keys that a task's state holds
     learner: Learner
     normalizer: RunningStatisticsState
     spec: Spec = struct.field(pytree_node=False, default=spec_of_sizes(3, 1))
@@ -107,7 +108,8 @@ class Small(struct.PyTreeNode):
         keys = jax.random.split(jax.random.key(0), 2)
         count = jnp.full(2, iteration, jnp.float32)
         normalizer = statistics_of(of_observations, of_observations, count)
-        return cls(keys, Learner(params), normalizer)
+        own = jax.random.split(jax.random.key(iteration), 2)
+        return cls(keys, own, Learner(params), normalizer)
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +121,15 @@ def two(tmp_path_factory):
         checkpoints.save(Progress(i, 0, Small.at(i)))
     checkpoints.close()
     return folder
+
+
+def test_all_keys_of_a_state_are_saved_as_keys(two):
+    """Those of the task too: gymnax's tasks and Playground's draw by keys of their own."""
+    read = Checkpoints(two, read_only=True).restore(lambda _: jax.eval_shape(lambda: Small.at(1)))
+    for name in ("key", "own"):
+        found, saved = (getattr(state, name) for state in (read.state, Small.at(2)))
+        assert found.dtype == saved.dtype
+        np.testing.assert_array_equal(jax.random.key_data(found), jax.random.key_data(saved))
 
 
 def flipped(content, places):
