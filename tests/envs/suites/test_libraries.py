@@ -102,6 +102,29 @@ def assert_shown(env, mine, theirs):
     np.testing.assert_allclose(mine, theirs, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["Asterix-MinAtar", "Seaquest-MinAtar", "Pong-misc"])
+def test_planes_of_squares_are_whole_in_booleans(name, key):
+    """Of the tasks whose library adds up numbers: the others' are booleans there, too."""
+    env = make_env(f"gymnax/{name}")
+    task, params = importlib.import_module("gymnax").make(name)
+
+    @compiled
+    def run(key):
+        def step(state, key):
+            keys = jax.random.split(key)
+            action = jax.random.randint(keys[0], (), 0, env.spec.action.n)
+            obs, state, *_ = task.step(keys[1], state, action, params)  # which starts anew
+            return state, obs
+
+        return jax.lax.scan(step, task.reset(key, params)[1], jax.random.split(key, 500))[1]
+
+    theirs = np.asarray(run(key))
+    mine = np.asarray(env.observation(theirs))
+    assert mine.dtype == bool
+    assert theirs.any()
+    np.testing.assert_array_equal(mine, theirs)
+
+
 def test_minigrid_steps_as_it_does_by_itself(key):
     name, view = "MiniGrid-DoorKey-5x5", 5
     env = make_env(f"xminigrid/{name}", view_size=view, max_steps=STEPS - 10)
@@ -112,6 +135,7 @@ def test_minigrid_steps_as_it_does_by_itself(key):
     for t in range(-1, STEPS):
         seen = first if t < 0 else jax.tree.map(lambda x, t=t: x[t], states)
         tiles = seen.obs.reshape(view, view, 25)
+        assert tiles.dtype == bool
         np.testing.assert_array_equal(tiles[..., :13].argmax(-1), now.observation[..., 0])
         np.testing.assert_array_equal(tiles[..., 13:].argmax(-1), now.observation[..., 1])
         assert float(tiles.sum()) == 2 * view**2

@@ -28,7 +28,7 @@ class KeyedTask(SpecTask):
 
     The library's own restart at the end of an episode is not used: this calls `reset_env` and
     `step_env`. The randomness of a step comes from a key in `state.info`. An observation that is
-    one of n symbols becomes a row of n numbers, one of them 1.
+    one of n symbols becomes a row of n booleans, one of them true.
 
     Args:
       task: the library's task.
@@ -74,7 +74,7 @@ class KeyedTask(SpecTask):
         truncated = self.truncated(after) & ~terminated
         return state.replace(  # pyright: ignore[reportAttributeAccessIssue]
             pipeline_state=after,
-            obs=self._row(obs),
+            obs=self.observation(obs),
             reward=jnp.asarray(reward, jnp.float32),
             done=(terminated | truncated).astype(jnp.float32),
             metrics=state.metrics | self.metrics(before, after),
@@ -84,7 +84,13 @@ class KeyedTask(SpecTask):
     def start(self, key: jax.Array) -> tuple[jax.Array, Any]:
         """Return the first observation and the library's first state."""
         obs, state = self.task.reset_env(key, self.params)
-        return self._row(obs), state
+        return self.observation(obs), state
+
+    def observation(self, obs: Any) -> jax.Array:
+        """Return what the task shows for an observation of the library's."""
+        if self._symbols is None:
+            return jnp.asarray(obs)
+        return jax.nn.one_hot(obs, self._symbols, dtype=bool)
 
     def truncated(self, state: Any) -> jax.Array:
         """Return whether the library's time limit has been reached."""
@@ -93,9 +99,6 @@ class KeyedTask(SpecTask):
     def metrics(self, before: Any, after: Any) -> dict[str, jax.Array]:
         """Return what a step between two of the library's states adds to the report."""
         return {}
-
-    def _row(self, obs: Any) -> jax.Array:
-        return jnp.asarray(obs) if self._symbols is None else jax.nn.one_hot(obs, self._symbols)
 
 
 def action_of(space: Any, names: tuple[str, ...] = ()) -> Action:
