@@ -1,6 +1,7 @@
 """The page about experiments in Markdown: what was measured, from the published results alone."""
 
 import itertools
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -20,33 +21,57 @@ from hitmdp_jax.training.sweep import PREFIX
 
 INTRODUCTION = f"""# What was measured
 
-Written by `hitmdp experiment results` from the raw data in `results/`, which the
-commands below made; nothing here is typed by hand. Returns are undiscounted.
+This page has the numbers of all experiments that are published. The command
+`hitmdp experiment results` writes it from the raw data in `results/`, and no number is typed by
+hand. Each section ends with the commands that made its data. Returns are not discounted.
 
-- *last {EPISODES} episodes*: of the training policy, over which the paper averages its curves; mean
-  and standard deviation over seeds;
-- *IQM*: interquartile mean over seeds of the training policy's last 100k steps, with its 95%
-  bootstrap interval (Agarwal et al. 2021), which fewer than five seeds do not have;
-- *deterministic*: {EPISODES} episodes a seed of the final policy's likeliest options and actions;
-  mean and standard deviation over seeds;
-- *P(better)*: the probability that a seed of the algorithm beats one of the control; *P(mopg
-  better)*: that a seed of MOPG beats one of the algorithm;
-- *failed*: seeds whose last 100k steps return less than half of the median seed's, or twice a
-  negative one;
-- *success*, in mazes: episodes of the last 100k steps in which the goal was reached; mean and
-  standard deviation over seeds;
-- *options, duration*: seeds in which two options or more have at least 5% of the last 100k steps
-  each, and how many steps the option used most lasts (median of seeds);
-- *choices*: do options matter? IQM of the training policy's episodes with its own choices, with
-  uniform ones at every step, and with the best and the worst option of each seed kept throughout;
-- *own minus uniform*: the IQM over seeds of the difference that a seed's own choices make, with its
-  95% bootstrap interval. Where it holds zero, choosing was worth nothing;
-- *steps/s*: environment steps of all seeds together in a second; *parameters*: of one seed.
+An *experiment* trains several *arms* on several *tasks*. An arm is an algorithm with its settings;
+each row of a table is an arm. One arm is the *control*, with which the others are compared. A
+*seed* is one training from its own random numbers. An *option* is a skill that lasts several
+steps, and the algorithm chooses among its options. [The outcome](outcome.md) says in words what
+the numbers mean, and spells out the names of the algorithms. `mopg-printed` is MOPG with every
+choice as the paper prints it, `mopg-one` is MOPG with one option, and so on.
+
+These are the columns:
+
+- *seeds*: how many seeds were trained.
+- *IQM of the last 100,000 steps*: the return during the last 100,000 steps of training. It is the
+  interquartile mean over seeds, which is the mean of the middle half, with its 95% bootstrap
+  interval (Agarwal et al. 2021). With fewer than five seeds there is no interval.
+- *minus ppo* (or another control): the arm's return minus the control's.
+- *P(better)*: the probability that a seed of the arm returns more than a seed of the control.
+  *P(mopg better)* is the probability that a seed of MOPG returns more than a seed of the arm.
+- *paper*: the return that the paper reports.
+- *last {EPISODES} episodes*: the return of the last {EPISODES} episodes of training. The paper
+  averages its curves over as many. It is the mean over seeds, with the standard deviation.
+- *first task* and *mean after the switch*, in transfers: the return at the end of the first task,
+  and the mean return of the whole second task; both are IQMs over seeds.
+- *failed*: seeds whose return over the last 100,000 steps is less than half of the median seed's.
+  If returns are negative, it is less than twice the median seed's.
+- *success*, in mazes: the share of episodes in the last 100,000 steps in which the robot reached
+  the goal; mean and standard deviation over seeds.
+- *deterministic*: the return of the final policy when it takes its most likely option and action
+  at every step, over {EPISODES} episodes per seed; mean and standard deviation over seeds.
+- *steps/s*: environment steps per second, of all seeds together.
+- *parameters*: the number of parameters of one seed.
+- *options, duration*: first, the number of seeds that use at least two options for 5% or more of
+  the last 100,000 steps each; then, how many steps the most used option lasts (median of seeds).
+- *choices*: do options matter? The return of the final training policy with four ways of choosing
+  options: its own choices / a random option at every step / always the best single option of the
+  seed / always the worst one. Each number is an IQM over seeds.
+- *own minus uniform*: what the policy's own choices return above random (uniform) ones, as an IQM
+  over seeds with its 95% bootstrap interval. If the interval contains zero, we see no benefit of
+  choosing.
 """
 PAIRS = (
-    "How often a seed of the row's arm returns more than one of the column's, mean over the tasks "
-    "that have both:"
+    "How often does a seed of the row's arm return more than a seed of the column's? Mean over the "
+    "tasks that have both arms:"
 )
+TABLES = {  # of a task, each narrow enough for a page: a caption, and its columns' titles
+    "Returns:": re.compile(r"seeds|IQM of.*|minus .*|P\(better\)|paper"),
+    "More about the policies:": re.compile(r".*, IQM|last .*|failed|success|det.*|steps/s|param.*"),
+    "Options:": re.compile(r"\d+ options?|options, duration|choices|own minus uniform"),
+}
 
 
 def page(experiments: Mapping[str, Experiment], cells: Cells, pictures: Mapping[str, str]) -> str:
@@ -73,15 +98,15 @@ def section(name: str, experiment: Experiment, cells: Cells, picture: str | None
     cells = shown(experiment, cells)
     parts = [f"## {experiment.title}\n", experiment.about, ""]
     parts += [experiment.elsewhere, ""] if experiment.elsewhere else []
-    parts += [f"`hitmdp experiment {name}` makes it, or goes on with it.", ""]
-    parts += [f"![what was found]({picture})\n"] if picture else []
+    parts += [f"The command `hitmdp experiment {name}` trains these runs, or adds to them.", ""]
+    parts += [f"![the results of this section as a picture]({picture})\n"] if picture else []
     if len(together := all_tasks(experiment, cells)) > 1:
         parts += ["All tasks together:\n", markdown(together)]
     if len(pairs := all_pairs(experiment, cells)) > 2:
         parts += [f"{PAIRS}\n", markdown(pairs)]
     for task, published in cells.items():
         if published:
-            parts += [f"### {task}\n", markdown(task_table(experiment, task, published))]
+            parts += [f"### {task}\n", *narrow_tables(task_table(experiment, task, published))]
     missing = {
         task: [arm for arm in experiment.arms if arm not in published]
         for task, published in cells.items()
@@ -116,6 +141,18 @@ def task_table(experiment: Experiment, task: str, cells: Mapping[str, Cell]) -> 
         return table(settings, index=used_options(swept, settings))
     printed = {arm: of[task] for arm, of in experiment.paper.items() if task in of}
     return table(runs, experiment.control, printed)
+
+
+def narrow_tables(rows: Rows) -> list[str]:
+    """Split a wide table into several with the same first column, each as captioned Markdown."""
+    header, parts = rows[0], []
+    for caption, titles in TABLES.items():
+        kept = [0, *(i for i, title in enumerate(header) if i and titles.fullmatch(title))]
+        if len(kept) > 1:
+            narrow = [[row[i] for i in kept] for row in rows]
+            known = [row for row in narrow if set(row[1:]) - {"-"}]  # PPO has no options
+            parts += [f"{caption}\n", markdown(known)]
+    return parts
 
 
 def used_options(swept: Summary, settings: Mapping[str, Summary]) -> list[list[str]]:

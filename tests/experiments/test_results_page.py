@@ -6,7 +6,15 @@ from hitmdp_jax.cli.published import read_cells
 from hitmdp_jax.experiments import experiment
 from hitmdp_jax.experiments.experiment import Experiment
 from hitmdp_jax.experiments.published import Cell
-from hitmdp_jax.experiments.results_page import all_pairs, all_tasks, commands, page, section
+from hitmdp_jax.experiments.results_page import (
+    all_pairs,
+    all_tasks,
+    commands,
+    narrow_tables,
+    page,
+    section,
+    task_table,
+)
 from hitmdp_jax.interpret.summary import Summary
 from hitmdp_jax.runs.config import RunConfig
 from tests.cli.conftest import CHECKOUT
@@ -26,6 +34,24 @@ def test_the_page_is_that_of_the_published_results():
     pictures = {name: f"../results/{name}.png" for name in every}
     written = page(every, read_cells(CHECKOUT / "results", tasks), pictures)
     assert written == (CHECKOUT / "docs/results.md").read_text()
+
+
+def test_narrow_tables_have_every_cell_of_the_wide_one():
+    every = experiment.published()
+    cells = read_cells(CHECKOUT / "results", {task for one in every.values() for task in one.tasks})
+    for one in every.values():
+        for task in one.tasks:
+            here = {arm: cells[task][arm] for arm in one.arms if arm in cells.get(task, {})}
+            if not here:
+                continue
+            header, *rows = task_table(one, task, here)
+            parts = narrow_tables([header, *rows])
+            lines = "".join(parts).splitlines()
+            split = [line[2:-2].split(" | ") for line in lines if line.startswith("| ")]
+            assert max(map(len, split)) <= 7
+            for row in (header, *rows):
+                found = [cell for line in split if line[0] == row[0] for cell in line[1:]]
+                assert {*row[1:]} - {"-", ""} <= {*found}, row[0]
 
 
 def test_what_is_missing_is_named():
