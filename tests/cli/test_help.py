@@ -28,8 +28,8 @@ def test_every_keyword_of_a_task_is_explained_by_its_class(name):
 
 def test_the_help_shows_values_and_meanings_of_what_was_chosen():
     text = " ".join(help.text(Settings(["env=hopper", "algo=ppo", "seeds=3"])).split())
-    assert "seeds=3 independent runs, as one program" in text
-    assert "algo.gae_lambda=0.95 of generalized advantage estimation" in text
+    assert "seeds=3 number of independent trainings, all in one program" in text
+    assert "algo.gae_lambda=0.95 lambda of generalised advantage estimation (GAE)" in text
     assert "env.healthy_reward reward of a healthy step" in text
     assert "preset configs/preset: named sets of changes, applied last: none, paper" in text
     assert "num_options" not in text
