@@ -128,6 +128,8 @@ class Agent(abc.ABC):
 
     spec: Spec | None = dataclasses.field(default=None, kw_only=True)
 
+    option_rewards = ()  # names of the task's rewards for options that `update` finds in the batch
+
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         dataclasses.dataclass(frozen=True)(cls)

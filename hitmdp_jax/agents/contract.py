@@ -56,7 +56,8 @@ def _fault(agent: Agent, num_envs: int, length: int) -> str | None:
         return f"its act returns {shown(action)} for actions and must return {wanted}, {[*shape]}"
     if fault := difference(memory, new_memory, "its initial_memory", "its act"):
         return fault
-    batch = _batch(obs, action, memory, record, length)
+    paid = len(agent.option_rewards)
+    batch = _batch(obs, action, memory, record, length, paid)
     replay = traced(lambda: agent.init_replay(spec))
     stored = traced(agent.store, replay, batch)
     if fault := difference(replay, stored, "its init_replay", "its store"):
@@ -74,7 +75,7 @@ def _fault(agent: Agent, num_envs: int, length: int) -> str | None:
     return difference(state, new_state, "its init", "its update")
 
 
-def _batch(obs: Any, action: Any, memory: Any, record: Any, length: int) -> Batch:
+def _batch(obs: Any, action: Any, memory: Any, record: Any, length: int, paid: int) -> Batch:
     def long(tree: Any) -> Any:
         return jax.tree.map(lambda x: jax.ShapeDtypeStruct((length, *x.shape), x.dtype), tree)
 
@@ -89,4 +90,7 @@ def _batch(obs: Any, action: Any, memory: Any, record: Any, length: int) -> Batc
         terminated=long(flag),
         truncated=long(flag),
         started=long(flag),
+        option_reward=long(jax.ShapeDtypeStruct((obs.shape[0], paid), jnp.float32))
+        if paid
+        else None,
     )

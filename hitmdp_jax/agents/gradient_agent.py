@@ -183,16 +183,23 @@ class ScaledAgent(ClippedAgent):
         """
         return jnp.full_like(advantage, self.entropy_weight / deviation(advantage))
 
-    def rescaled(self, state: ScaledState, value_target: jax.Array) -> ScaledState:
-        """Return the state with its critic in the units of what it is about to be fitted to."""
+    def rescaled(
+        self, state: ScaledState, value_target: jax.Array, critic: str = "critic"
+    ) -> ScaledState:
+        """Return the state with a critic in the units of what it is about to be fitted to."""
         if not self.normalize_values:
             return state
-        critic = decay(rescale(state.params["critic"], value_target), self.value_decay)
-        return state.replace(params=state.params | {"critic": critic})
+        changed = decay(rescale(state.params[critic], value_target), self.value_decay)
+        return state.replace(params=state.params | {critic: changed})
 
     def value_loss(
-        self, params: Any, value: jax.Array, data: dict[str, Any]
+        self,
+        params: Any,
+        value: jax.Array,
+        data: dict[str, Any],
+        target: str = "value_target",
+        critic: str = "critic",
     ) -> tuple[jax.Array, Metrics]:
-        """Return half the squared error of values [N], in the critic's units, and as a metric."""
-        loss = 0.5 * jnp.square(value - data["value_target"]).mean()
-        return loss / jnp.square(params["critic"]["scale"]), {"value_loss": loss}
+        """Return half the squared error of values [N], in a critic's units, and as a metric."""
+        loss = 0.5 * jnp.square(value - data[target]).mean()
+        return loss / jnp.square(params[critic]["scale"]), {"value_loss": loss}

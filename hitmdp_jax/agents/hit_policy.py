@@ -48,6 +48,7 @@ class HitNetwork(nn.Module):
     form: str
     option_scale: jax.Array | float
     reads: Reads = Reads()
+    own_rewards: bool = False  # whether options have rewards, and so a critic, of their own
 
     def setup(self):
         """Declare the parts."""
@@ -66,11 +67,14 @@ class HitNetwork(nn.Module):
             self.actions, self.hidden_sizes, self.activation, self.initial_log_std
         )
         self.critic = Critic(self.hidden_sizes, self.activation)
+        if self.own_rewards:
+            self.own_critic = Critic(self.hidden_sizes, self.activation)
 
     def __call__(self, obs: jax.Array) -> Any:
         """Run every part once, which initialises it."""
         option = jnp.zeros(obs.shape[:-1], jnp.int32)
-        return self.master(obs, option), self.action(obs, option), self.q(obs, option)
+        parts = self.master(obs, option), self.action(obs, option), self.q(obs, option)
+        return (*parts, self.own_q(obs, option)) if self.own_rewards else parts
 
     def master(self, obs: jax.Array, previous: jax.Array) -> jax.Array:
         """Return log P(o | s, o_{t-1}) [..., K] for obs [..., O], previous [...]."""
@@ -88,6 +92,11 @@ class HitNetwork(nn.Module):
         """Return Q_O[s, o_t] [...] for obs [..., O], memory [...] with o_t as its newest option."""
         every = self.option_scale * jnp.eye(self.num_options**self.value_order, dtype=jnp.float32)
         return self.critic(read(obs, self.reads.critic), every, memory)
+
+    def own_q(self, obs: jax.Array, option: jax.Array) -> jax.Array:
+        """Return the value [...] of going on with the option for ever, by its own reward."""
+        every = self.option_scale * jnp.eye(self.num_options, dtype=jnp.float32)
+        return self.own_critic(read(obs, self.reads.critic), every, option)
 
     def every_action(self, obs: jax.Array) -> Any:
         """Return P(a | s, o) of each option, over [..., K], for obs [..., O]."""
@@ -150,6 +159,7 @@ class HitPolicy(GradientAgent):
             self.embeddings,
             self.option_scale,
             self.reads,
+            bool(self.option_rewards),
         )
 
     def _apply(self, params: Any, method: str, *args: jax.Array) -> Any:
@@ -179,6 +189,10 @@ class HitPolicy(GradientAgent):
     def q(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return Q_O[s, o_t] [...] for obs [..., O], memory [...] with o_t as its newest option."""
         return self._apply(params, "q", obs, memory)
+
+    def own_q(self, params: Any, obs: jax.Array, option: jax.Array) -> jax.Array:
+        """Return the value [...] of going on with the option for ever, by its own reward."""
+        return self._apply(params, "own_q", obs, option)
 
     def every_q(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return Q_O[s, o] of each option, [..., K], for memory [...] before the choice."""

@@ -8,14 +8,17 @@ import jax.numpy as jnp
 from hitmdp_jax.agents.base import static, traced
 from hitmdp_jax.agents.gradient_agent import ScaledAgent, ScaledState
 from hitmdp_jax.agents.hit_policy import HitPolicy
-from hitmdp_jax.learning.advantages import standardize
+from hitmdp_jax.learning.advantages import generalized_advantages, standardize
 from hitmdp_jax.learning.mutual_information import action_information
 from hitmdp_jax.learning.optimization import adapted_share
 from hitmdp_jax.learning.options import (
     at_option,
     entropy,
     expected_value,
+    kl_to_prior,
+    log_sticky,
     option_statistics,
+    standardize_by_option,
     value_of_next_option,
 )
 from hitmdp_jax.learning.rollout import Batch
@@ -36,6 +39,12 @@ class MOPG(HitPolicy, ScaledAgent):
     The options' advantage is GAE over the soft V[s, o_{t-1}] = sum_o pi_O Q_O[s, o] + a_H H(pi_O)
     (Eq. 6), the actions' over Q_O[s, o_t]. Alg. 1 as printed gives each stream a part of the reward
     only, puts it inside gamma(...) and lacks the entropies' gradients: docs/errata.md, 15, 16, 18.
+
+    Two additions, off by default, make options that explore (docs/options_that_pay.md). A *sticky
+    prior* p(o_t | o_{t-1}) in place of the uniform one: the loss gains `prior_weight` times
+    KL(P(. | s, o_{t-1}) || p). And *rewards of their own*: with n `option_rewards`, names of what
+    the task offers, option k learns its actions from the (k mod n)-th, as if it went on for ever,
+    while the master policy and Q_O learn from the task's reward alone.
     """
 
     # In the loss, in units of the advantages' spread, whatever a task's rewards: the weights of the
@@ -43,18 +52,29 @@ class MOPG(HitPolicy, ScaledAgent):
     # first leaves one option; together, none has e^(cost / weight) times the steps of another.
     switching_cost: float = traced(0.1)
     usage_weight: float = traced(0.1)
+    # In the same units, at the start of a run and, where it is annealed, at its end.
+    prior_weight: float = traced(0.0)
+    final_prior_weight: float = traced(0.0)
+    stay: float = traced(0.95, low=1e-6, high=0.999999)  # p(o_t = o_{t-1} | o_{t-1})
+    own_gamma: float = traced(0.95, high=1.0)  # discount factor of the options' own rewards
     entropy_weight: float = traced(0.0)  # a_H, at the start of a run where it is annealed
     final_entropy_weight: float = traced(0.0)  # a_H at the end of an annealed run
     information_weight: float = traced(0.0)  # a_I
     mutual_information: str = static("none", INFORMATION)
     entropy_schedule: str = static("constant", tuple(SCHEDULES))
+    prior_schedule: str = static("constant", tuple(SCHEDULES))
+    option_rewards: tuple[str, ...] = static((), of=str)
 
     def scheduled(self, progress: jax.Array) -> Self:
         """Return the agent as it is after a fraction `progress` of the run (App. B.2)."""
-        annealed = anneal(
+        entropy_weight = anneal(
             self.entropy_schedule, self.entropy_weight, self.final_entropy_weight, progress
         )
-        return super().scheduled(progress).replace(entropy_weight=annealed)
+        prior_weight = anneal(
+            self.prior_schedule, self.prior_weight, self.final_prior_weight, progress
+        )
+        changed = super().scheduled(progress)
+        return changed.replace(entropy_weight=entropy_weight, prior_weight=prior_weight)
 
     def update(
         self, state: ScaledState, batch: Batch, key: jax.Array
@@ -65,6 +85,8 @@ class MOPG(HitPolicy, ScaledAgent):
         data, metrics = in_32_bits((data, metrics))  # Distrax's entropy is not
         # The critic's units become those of its targets; no value changes by that.
         state = self.rescaled(state, data["value_target"])
+        if self.option_rewards:
+            state = self.rescaled(state, data["own_target"], "own_critic")
         # Epochs of minibatches on one loss, both surrogates and the critic's.
         rate = state.rate_share * self.learning_rate
         state, learned = self.replace(learning_rate=rate).optimize(self.loss, state, data, key)
@@ -115,6 +137,10 @@ class MOPG(HitPolicy, ScaledAgent):
             "entropy_weight_action": self.bonus(credit_action),
             "value_target": advantage_action + q,
         }
+        if self.option_rewards:
+            own_advantage, data["own_target"] = self.own_advantages(params, batch)
+            own_advantage = standardize_by_option(own_advantage, option, self.num_options)
+            data["advantage_action"] = own_advantage
         metrics = {
             "option_entropy": option_entropy.mean(),
             "action_entropy": action_entropy.mean(),
@@ -122,6 +148,31 @@ class MOPG(HitPolicy, ScaledAgent):
             "value": value.mean(),
         }
         return data, metrics | option_statistics(option, previous, batch.started, self.num_options)
+
+    def own_advantages(self, params: Any, batch: Batch) -> tuple[jax.Array, jax.Array]:
+        """Return GAE [T, B] of the actions by their options' own rewards, and the critic's targets.
+
+        Where the master policy goes to another option, the option's own value takes over, as at a
+        time limit: to be left is neither its fault nor its merit.
+        """
+        option = batch.record
+        paid = batch.option_reward[..., jnp.arange(self.num_options) % len(self.option_rewards)]
+        q, q_next = (
+            self.own_q(params, batch.obs, option),
+            self.own_q(params, batch.next_obs, option),
+        )
+        left = option != jnp.roll(option, -1, axis=0)
+        ended = batch.truncated | left
+        advantage = generalized_advantages(
+            at_option(paid, option),
+            q,
+            q_next,
+            batch.terminated,
+            ended,
+            self.own_gamma,
+            self.gae_lambda,
+        )
+        return advantage, advantage + q
 
     def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return the loss of a minibatch: both surrogates and the critic's squared error."""
@@ -144,7 +195,15 @@ class MOPG(HitPolicy, ScaledAgent):
         log_usage = jax.nn.logsumexp(log_option, axis=0) - jnp.log(len(log_option))
         loss = value_loss - surrogate_option - surrogate_action - bonus.mean()
         loss += self.switching_cost * leaving - self.usage_weight * entropy(log_usage)
-        return loss, of_options | of_actions | of_values
+        prior = log_sticky(data["previous"], self.num_options, self.stay)
+        of_prior = kl_to_prior(log_option, prior).mean()
+        loss += self.prior_weight * of_prior
+        metrics = of_options | of_actions | of_values | {"prior_kl": of_prior}
+        if self.option_rewards:
+            own_q = self.own_q(params, obs, option)
+            own_loss, _ = self.value_loss(params, own_q, data, "own_target", "own_critic")
+            loss += own_loss
+        return loss, metrics
 
     def information(self, params: Any, batch: Batch, log_option: jax.Array) -> jax.Array:
         """Return the intrinsic reward I_t [T, B], given log P(o | s, o_{t-1}) [T, B, K]."""

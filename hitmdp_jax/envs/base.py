@@ -14,6 +14,7 @@ import numpy as np
 from brax.envs.base import Env, State
 
 from hitmdp_jax.envs.names import actuator_names, observation_names
+from hitmdp_jax.envs.option_rewards import directions_of
 from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState, SolverBudget, find_engine
 from hitmdp_jax.precision import in_32_bits
@@ -98,6 +99,20 @@ class MujocoEnv(Env):
         "place", where the robot is, and a "goal", what an episode asks for.
         """
         return {}
+
+    def option_rewards(
+        self, before: State, action: jax.Array, after: State
+    ) -> dict[str, jax.Array]:
+        """Return what a step can pay to options (`envs.option_rewards`).
+
+        By default it is the root's velocity (m/s) in each direction in which the root can move. An
+        action that is held for several steps is paid by the last of them.
+        """
+        names, along = directions_of(self.model)
+        data = after.pipeline_state
+        assert isinstance(data, PhysicsState)
+        velocity = jnp.asarray(along, jnp.float32) @ data.displacement / self.dt
+        return dict(zip(names, velocity, strict=True))
 
     def sample_model(self, key: jax.Array) -> Drawn:
         """Draw the fields of MuJoCo's MjModel that an episode has of its own, by name.

@@ -6,6 +6,7 @@ from brax.envs.base import Env, State
 from flax import struct
 
 from hitmdp_jax.envs.action_repeat import steps_taken
+from hitmdp_jax.envs.option_rewards import check_option_rewards, option_rewards
 from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.mesh import each_device, on_every_device
 from hitmdp_jax.precision import as_before, in_32_bits
@@ -37,6 +38,7 @@ class Step(struct.PyTreeNode):
     started: jax.Array  # bool: the first step of an episode
     finished: jax.Array  # bool: a whole episode ended here
     metrics: dict[str, jax.Array]  # the task's reward terms
+    option_reward: jax.Array | None = None  # [B, n] by `VectorEnv.option_rewards`; None of none
 
 
 class VectorEnv:
@@ -54,6 +56,10 @@ class VectorEnv:
       episode_length: time limit in control steps; None takes the task's own.
       stagger: start the first episodes at random points of the time limit, so that tasks without
         termination do not all end together for ever. Such shortened episodes are not reported.
+      option_rewards: names of rewards that each step also pays to options.
+
+    Raises:
+      UsageError: the task does not offer one of those rewards.
     """
 
     def __init__(
@@ -63,6 +69,7 @@ class VectorEnv:
         pool_size: int,
         episode_length: int | None = None,
         stagger: bool = True,
+        option_rewards: tuple[str, ...] = (),
     ):
         self.env = env
         self.num_envs = num_envs
@@ -70,6 +77,8 @@ class VectorEnv:
         self.spec = spec_of(env)
         self.episode_length = episode_length or self.spec.episode_length
         self.stagger = stagger
+        check_option_rewards(env, option_rewards)
+        self.option_rewards = option_rewards
 
     def reset(self, key: jax.Array) -> VectorState:
         """Start every environment."""
@@ -116,6 +125,7 @@ class VectorEnv:
             started=state.episode_length == 0,
             finished=ended & (clock == length),
             metrics=metrics,
+            option_reward=self._option_reward(state.env, action, env, reward),
         )
         # Its rank among those that ended in this step: summed up once they are all there.
         rank = on_every_device(jnp.cumsum(on_every_device(ended), dtype=jnp.int32))
@@ -133,6 +143,13 @@ class VectorEnv:
             next_fresh=(state.next_fresh + rank[-1]) % self.pool_size,
         )
         return state, step
+
+    def _option_reward(
+        self, before: State, action: jax.Array, after: State, reward: jax.Array
+    ) -> jax.Array | None:
+        if not self.option_rewards:
+            return None
+        return option_rewards(self.env, self.option_rewards, before, action, after, reward)
 
     def _fresh(self, key: jax.Array) -> State:
         def resets(keys: jax.Array) -> State:

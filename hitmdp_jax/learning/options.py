@@ -68,6 +68,43 @@ def entropy(log_probs: jax.Array) -> jax.Array:
     return -jnp.where(probs > 0, probs * log_probs, 0.0).sum(-1)
 
 
+def log_sticky(previous: jax.Array, num_options: int, stay: jax.Array | float) -> jax.Array:
+    """Return the log-probabilities [..., K] of the sticky prior p(o_t | o_{t-1}).
+
+    It stays with o_{t-1} with probability `stay` and goes to each other option with an equal share
+    of the rest. So by the prior an option lasts 1 / (1 - stay) steps, and going to one certain
+    other option costs log(stay (K - 1) / (1 - stay)) nats more than staying does.
+
+    Args:
+      previous: [...] int, o_{t-1}.
+      num_options: K; a single option stays whatever `stay` says.
+      stay: probability in (0, 1).
+    """
+    if num_options == 1:
+        return jnp.zeros((*previous.shape, 1), jnp.float32)
+    same = jax.nn.one_hot(previous, num_options, dtype=bool)
+    return jnp.where(same, jnp.log(stay), jnp.log((1.0 - stay) / (num_options - 1)))
+
+
+def kl_to_prior(log_probs: jax.Array, log_prior: jax.Array) -> jax.Array:
+    """Return KL(P || p) [...] in nats of log-probabilities [..., K]; log p is finite."""
+    probs = jnp.exp(log_probs)
+    return jnp.where(probs > 0, probs * (log_probs - log_prior), 0.0).sum(-1)
+
+
+def standardize_by_option(x: jax.Array, option: jax.Array, num_options: int) -> jax.Array:
+    """Return x [T, B] with mean 0 and standard deviation 1 over the steps of each option.
+
+    Options whose rewards have different units then learn at one pace.
+    """
+    of_option = jax.nn.one_hot(option, num_options, dtype=x.dtype)  # [T, B, K]
+    steps = jnp.maximum(of_option.sum((0, 1)), 1.0)
+    mean = (of_option * x[..., None]).sum((0, 1)) / steps
+    centred = x - of_option @ mean
+    variance = (of_option * jnp.square(centred)[..., None]).sum((0, 1)) / steps
+    return centred / (jnp.sqrt(of_option @ variance) + 1e-8)
+
+
 def expected_value(log_probs: jax.Array, q: jax.Array) -> jax.Array:
     """Return V[s, o_{t-1}] = sum_o P(o | s, o_{t-1}) Q[s, o] [...] (HiT-MDP Eq. 6).
 

@@ -11,7 +11,8 @@ from hitmdp_jax.envs.vector import Step, VectorEnv, VectorState
 from hitmdp_jax.learning.normalization import normalize
 from hitmdp_jax.precision import in_32_bits
 
-OUTCOME = ("next_obs", "reward", "terminated", "truncated", "started")  # of a `Batch`, by `Step`
+# Of a `Batch`, by `Step`.
+OUTCOME = ("next_obs", "reward", "terminated", "truncated", "started", "option_reward")
 
 
 class Actor(Protocol):
@@ -48,6 +49,7 @@ class Batch(struct.PyTreeNode):
     truncated: jax.Array  # [T, B] bool
     started: jax.Array  # [T, B] bool, the first step of an episode
     normalizer: NestedMeanStd | None = None  # with which the policy saw them; None: as they are
+    option_reward: jax.Array | None = None  # [T, B, n] by `Agent.option_rewards`; None of none
     replay: Any = ()  # the agent's own, this rollout in it already; see `Agent.init_replay`
 
     def normalized(self) -> "Batch":

@@ -88,7 +88,7 @@ def make_train(
     agent = agent.bind(spec_of(env))
     check_algorithm(agent, num_envs, rollout_length)
     pool_size = reset_pool_size or usual_pool_size(num_envs, rollout_length)
-    vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger)
+    vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger, agent.option_rewards)
     iterations = num_iterations(num_steps, num_envs, rollout_length, action_repeat_of(env))
     program = Program(agent, vector_env, rollout_length, iterations)
     if init_from is not None:

@@ -11,6 +11,7 @@ SUITES = (  # modules of this package, each with a `SUITE`
     "gym",
     "dmc",
     "maze",
+    "trap",
     "toy",
     "brax",
     "gymnax",

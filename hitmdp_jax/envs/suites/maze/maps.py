@@ -8,6 +8,8 @@ import mujoco
 import numpy as np
 
 WALL = "#"
+START, GOAL = "S", "G"  # marks of maps that fix both
+FREE = " " + START + GOAL
 CAMERA_ANGLE = 45.0  # degrees, the vertical field of view
 
 # Of D4RL (Fu et al. 2020), as Gymnasium-Robotics has them.
@@ -51,7 +53,7 @@ class Maze:
     """A map and its size in the world, whose origin is the map's middle.
 
     Attributes:
-      rows: the map, northern row first; "#" is a wall.
+      rows: the map, northern row first; "#" is a wall, the other tiles are free.
       cell: width of a cell, m.
       height: height of the walls, m.
     """
@@ -63,12 +65,12 @@ class Maze:
     @functools.cached_property
     def walls(self) -> np.ndarray:
         """Centres of the walls' cells [W, 2], m."""
-        return self._centres(wall=True)
+        return self._centres(WALL)
 
     @functools.cached_property
     def free(self) -> np.ndarray:
         """Centres of all other cells [F, 2], m."""
-        return self._centres(wall=False)
+        return self._centres(FREE)
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Put the maze into the model of a robot, whose defaults for geoms the walls take.
@@ -113,12 +115,17 @@ class Maze:
         distance = self.height + extent / 2 / math.tan(math.radians(CAMERA_ANGLE / 2))
         spec.worldbody.add_camera(name="above", pos=[0.0, 0.0, distance], fovy=CAMERA_ANGLE)
 
-    def _centres(self, wall: bool) -> np.ndarray:
+    def centre(self, mark: str) -> np.ndarray:
+        """Return the centre [2] of the one cell that holds a mark, m."""
+        (centre,) = self._centres(mark)
+        return centre
+
+    def _centres(self, marks: str) -> np.ndarray:
         places = [
             ((j + 0.5) * self.cell, (i + 0.5) * self.cell)
             for i, row in enumerate(self.rows)
             for j, tile in enumerate(row)
-            if (tile == WALL) == wall
+            if tile in marks
         ]
         x, y = np.array(places).T
         width, depth = len(self.rows[0]) * self.cell, len(self.rows) * self.cell
