@@ -81,7 +81,7 @@ class PocketEnv(MazeEnv):
 class PointPocket(PocketEnv, PointMaze):
     """Push a ball out of the straight way, around the pocket, to the goal.
 
-    The ball is that of `PointMaze`, with steps of 0.05 s. The goal is 5 m away, the way round is 11
+    The ball is that of `PointMaze`, with steps of 0.05 s. The goal is 6 m away, the way round is 12
     m long, and the time limit is 200 steps.
 
     Args:
@@ -108,7 +108,7 @@ class PointLongPocket(PointPocket):
 class AntPocket(PocketEnv, AntUMaze):
     """Walk the ant around the pocket to the goal; cells are 4 m wide.
 
-    The ant is that of `AntUMaze`. The goal is 20 m away, the way round is 44 m long, and the time
+    The ant is that of `AntUMaze`. The goal is 24 m away, the way round is 48 m long, and the time
     limit is 1000 steps of 0.05 s.
 
     Args:
