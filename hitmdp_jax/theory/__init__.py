@@ -42,6 +42,7 @@ from hitmdp_jax.theory.model import (
     mixture_master_policy,
     sample_option_model,
 )
+from hitmdp_jax.theory.prior import best_master, sticky_prior, with_prior
 from hitmdp_jax.theory.smdp import MultiTimeModel, SMDPValues, evaluate_smdp, multi_time_model
 from hitmdp_jax.theory.trajectories import (
     HiddenTrajectory,

@@ -24,7 +24,9 @@ class Evidence:
     kl: jax.Array  # KL[P(tau) || q(tau | e_{1:T})]
 
 
-def evidence(hit: HiTMDP, start: jax.Array, horizon: int) -> Evidence:
+def evidence(
+    hit: HiTMDP, start: jax.Array, horizon: int, prior: jax.Array | None = None
+) -> Evidence:
     r"""Return the evidence of T optimal steps, its lower bound and the gap (Theorem 4.1, Eq. 43).
 
     P is the HiT-MDP's trajectory distribution (Eq. 26). q has the same start and dynamics, uniform
@@ -42,6 +44,7 @@ def evidence(hit: HiTMDP, start: jax.Array, horizon: int) -> Evidence:
       hit: the HiT-MDP; its gamma and entropy weights play no role.
       start: [S, K_prev] distribution of (s_1, o_0).
       horizon: T; all K (S K A)^T trajectories are visited.
+      prior: p(o | o_{t-1}) [K_prev, K]; None is the paper's, uniform.
     """
     num_states, num_options, _ = hit.master.shape
     num_actions = hit.reward.shape[-1]
@@ -65,7 +68,10 @@ def evidence(hit: HiTMDP, start: jax.Array, horizon: int) -> Evidence:
         hit.action[option, state, action]
     )
 
-    log_joint = log_dynamics + log_optimal - horizon * jnp.log(num_options * num_actions)
+    if prior is None:
+        prior = jnp.full((num_options, num_options), 1.0 / num_options)
+    log_prior = jnp.log(prior)[previous, option].sum(-1) - horizon * jnp.log(num_actions)
+    log_joint = log_dynamics + log_optimal + log_prior
     log_p = log_dynamics + log_policy.sum(-1)
     log_evidence = jax.nn.logsumexp(log_joint)
     log_posterior = log_joint - log_evidence

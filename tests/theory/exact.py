@@ -18,6 +18,7 @@ STATIC = {  # arguments that shape the program, by place
     "one_hot": 1,
     "policy_iteration": 1,
     "sample_option_model": (1, 2, 3),
+    "sticky_prior": 0,
 }
 
 
