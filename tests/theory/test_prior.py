@@ -16,7 +16,9 @@ S, K, A = TINY
 
 
 @few
-@given(with_start(hit_mdps(TINY, interior=False), interior=True), distributions(K, K, interior=True))
+@given(
+    with_start(hit_mdps(TINY, interior=False), interior=True), distributions(K, K, interior=True)
+)
 def test_the_elbo_under_a_prior_is_a_soft_return_with_its_logarithm(drawn, prior):
     hit, start = drawn
     result = exact.evidence(hit, start, T, prior)

@@ -96,5 +96,5 @@ def test_parts_and_names_say_what_is_where():
 
 
 def test_a_distance_must_be_positive():
-    with pytest.raises(UsageError, match="distance = 0.0"):
+    with pytest.raises(UsageError, match=r"distance = 0\.0"):
         make_env("trap/cheetah_switch", physics="native", distance=0.0)
