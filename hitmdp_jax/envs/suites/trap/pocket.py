@@ -63,7 +63,12 @@ class PocketEnv(MazeEnv):
         noise = jax.random.uniform(key, (2,), jnp.float32, minval=-NOISE, maxval=NOISE)
         start = jnp.asarray(self.maze.centre(maps.START), jnp.float32) + self.maze.cell * noise
         qpos = jnp.asarray(self.model.qpos0, jnp.float32)
-        qpos = qpos.at[POSITION].set(start).at[GOAL].set(self.maze.centre(maps.GOAL))
+        qpos = (
+            qpos.at[POSITION]
+            .set(start)
+            .at[GOAL]
+            .set(jnp.asarray(self.maze.centre(maps.GOAL), jnp.float32))
+        )
         return qpos, jnp.zeros(self.model.nv)
 
     def reward(
