@@ -156,6 +156,7 @@ class MOPG(HitPolicy, ScaledAgent):
         time limit: to be left is neither its fault nor its merit.
         """
         option = batch.record
+        assert batch.option_reward is not None
         paid = batch.option_reward[..., jnp.arange(self.num_options) % len(self.option_rewards)]
         q, q_next = (
             self.own_q(params, batch.obs, option),

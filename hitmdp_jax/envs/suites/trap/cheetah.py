@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -64,9 +64,9 @@ class CheetahSwitch(MujocoEnv):
 
     def reset_to(self, qpos: jax.Array, qvel: jax.Array, drawn: Drawn | None = None) -> State:
         """Start an episode from given coordinates, the switch not yet touched."""
-        state = super().reset_to(qpos, qvel, drawn)
+        state: Any = super().reset_to(qpos, qvel, drawn)
         zero = jnp.zeros((), jnp.float32)
-        return state.replace(  # pyright: ignore[reportAttributeAccessIssue]
+        return state.replace(
             obs=jnp.append(state.obs, zero),
             metrics=state.metrics | {"success": zero},
             info=state.info | {TOUCHED: zero},
@@ -74,16 +74,15 @@ class CheetahSwitch(MujocoEnv):
 
     def step(self, state: State, action: jax.Array) -> State:
         """Advance one control step; see `MujocoEnv.step`."""
-        # The body's part of the observation is all that the physics tells.
-        inner = state.replace(obs=state.obs[:-1])  # pyright: ignore[reportAttributeAccessIssue]
-        after = super().step(inner, action)
-        data = after.pipeline_state
-        assert isinstance(data, PhysicsState)
+        full: Any = state
+        # `MujocoEnv` knows the observation without its last entry.
+        after: Any = super().step(full.replace(obs=full.obs[:-1]), action)
+        data: PhysicsState = after.pipeline_state
         x, stable = data.qpos[ROOT_X], 1.0 - after.metrics["unstable"]
         touched = jnp.maximum(state.info[TOUCHED], (x <= -self.distance).astype(jnp.float32))
         success = touched * (x >= self.distance) * stable
         prize = GOAL_REWARD * success
-        return after.replace(  # pyright: ignore[reportAttributeAccessIssue]
+        return after.replace(
             obs=jnp.append(after.obs, touched),
             reward=after.reward + prize,
             done=jnp.maximum(after.done, success),
