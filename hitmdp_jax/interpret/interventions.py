@@ -5,6 +5,7 @@ P(a | s, o), and options that the master policy did not choose.
 """
 
 import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -19,15 +20,22 @@ from hitmdp_jax.interpret.option_use import activations, number_of_options
 from hitmdp_jax.interpret.statistics import CONFIDENCE
 from hitmdp_jax.runs.policy import Policy
 
-OWN, SHUFFLED, UNIFORM, FROZEN = "own choices", "own, shuffled", "uniform choices", "first choice"
+OWN, SHUFFLED, UNIFORM = "own choices", "own, shuffled", "uniform choices"
+HELD, FROZEN = "uniform, held", "first choice"
 # What `summary` tells.
-OF_CHOICES = ("own_choices", "shuffled_choices", "uniform_choices", "first_choice")
+OF_CHOICES = (
+    "own_choices",
+    "shuffled_choices",
+    "uniform_choices",
+    "held_choices",
+    "first_choice",
+)
 OF_OPTIONS = ("best_option", "worst_option")
 # Nats: options that are less apart are practically identical, for it takes hundreds of steps to
 # tell them from each other; a few steps tell options that are so much apart as DISTINCT.
 IDENTICAL, DISTINCT = 0.01, 1.0
 LISTED = 6  # pairs of options that a sentence names
-WITHOUT_EACH_OPTION = 3  # interventions beside the K that keep an option throughout
+WITHOUT_EACH_OPTION = 4  # interventions beside the K that keep an option throughout
 
 
 class Interventions(NamedTuple):
@@ -144,6 +152,8 @@ def schedules(
     - the policy's own activations of each episode in a random order: as much of each option, at
       other moments;
     - a uniform choice at every step;
+    - a uniform choice at every activation of the policy's own, in a random order: options that last
+      as long as the policy's own, and that nobody chose;
     - the first choice of each episode, kept;
     - each option throughout.
 
@@ -157,6 +167,7 @@ def schedules(
     return {
         SHUFFLED: shuffled(option, alive, random),
         UNIFORM: random.integers(num_options, size=option.shape),
+        HELD: held(option, alive, num_options, random),
         FROZEN: np.broadcast_to(option[0], option.shape),
         **{f"option {k}": np.full_like(option, k) for k in range(num_options)},
     }
@@ -168,14 +179,39 @@ def shuffled(option: ArrayLike, alive: ArrayLike, random: np.random.Generator) -
     Where two of one option meet they make a longer one. Beyond the episode's own length come
     further orders of the same activations.
     """
-    steps = len(np.asarray(option))
-    columns = []
+
+    def orders(chosen: np.ndarray, duration: np.ndarray) -> np.ndarray:
+        order = random.permutation(len(chosen))
+        return np.repeat(chosen[order], duration[order])
+
+    return _filled(option, alive, orders)
+
+
+def held(
+    option: ArrayLike, alive: ArrayLike, num_options: int, random: np.random.Generator
+) -> np.ndarray:
+    """Return options drawn uniformly, each for as long as one of the episode's activations, [T, N].
+
+    The durations come in a random order, and as in `shuffled` beyond the episode's own length.
+    """
+
+    def draws(chosen: np.ndarray, duration: np.ndarray) -> np.ndarray:
+        drawn = random.integers(num_options, size=len(chosen))
+        return np.repeat(drawn, random.permutation(duration))
+
+    return _filled(option, alive, draws)
+
+
+def _filled(
+    option: ArrayLike, alive: ArrayLike, pieces: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """Return plans [T, N], each column put together of what `pieces` makes of the activations."""
+    steps, columns = len(np.asarray(option)), []
     for episode in activations(option, alive):
-        pieces = np.zeros(0, int)
-        while len(pieces) < steps:
-            order = random.permutation(len(episode.option))
-            pieces = np.append(pieces, np.repeat(episode.option[order], episode.duration[order]))
-        columns.append(pieces[:steps])
+        column = np.zeros(0, int)
+        while len(column) < steps:
+            column = np.append(column, pieces(episode.option, episode.duration))
+        columns.append(column[:steps])
     return np.stack(columns, axis=1)
 
 

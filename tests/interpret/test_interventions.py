@@ -13,6 +13,7 @@ from hitmdp_jax.interpret.interventions import (
     alike,
     divergence,
     effects,
+    held,
     intervene,
     shuffled,
     summary,
@@ -33,7 +34,7 @@ def test_each_intervention_earns_what_its_options_do_and_the_summary_says_so(key
     found = intervene(obvious(), Payment(), key, own)
     returns = dict(zip(found.names, found.returns, strict=True))
     assert list(returns) == [
-        "own choices", "own, shuffled", "uniform choices", "first choice",
+        "own choices", "own, shuffled", "uniform choices", "uniform, held", "first choice",
         "option 0", "option 1", "option 2",
     ]  # fmt: skip
     expected = own.option.sum(axis=0)
@@ -51,7 +52,7 @@ def test_each_intervention_earns_what_its_options_do_and_the_summary_says_so(key
     uniform = returns["uniform choices"]
     np.testing.assert_allclose(uniform, uniform.round(), atol=1e-4)
     assert len(set(uniform.round())) > 1  # chance, another for each episode
-    np.testing.assert_array_equal(found.lengths, np.full((7, 5), STEPS))
+    np.testing.assert_array_equal(found.lengths, np.full((8, 5), STEPS))
 
 
 @given(episodes, padding, st.integers(0, 99))
@@ -68,6 +69,26 @@ def test_shuffling_keeps_each_episodes_activations(episodes, padding, seed):
             # Activations that meet become one: there are no more of them, and none is cut.
             assert len(runs(part)) <= len(runs(episode))
         assert not Counter(column[len(column) - rest :]) - Counter(episode)
+
+
+@given(episodes, padding, st.integers(0, 99))
+def test_held_options_last_as_long_as_the_policys_own(episodes, padding, seed):
+    option, alive = pad(episodes, padding)
+    found = held(option, alive, 9, np.random.default_rng(seed))
+    for n, episode in enumerate(episodes):
+        ends = np.cumsum([duration for _, duration in runs(found[: len(episode), n].tolist())])
+        # A change lies where some order of the policy's own durations has one.
+        sums = {0}
+        for _, duration in runs(episode):
+            sums |= {total + duration for total in sums}
+        assert set(ends.tolist()) <= sums
+
+
+def test_held_options_are_drawn_evenly_and_not_after_the_policy():
+    option = np.repeat([0, 0, 1, 0], 5)[:, None].repeat(400, axis=1)
+    found = held(option, np.ones_like(option, bool), 4, np.random.default_rng(0))
+    share = np.bincount(found.ravel(), minlength=4) / found.size
+    np.testing.assert_allclose(share, 0.25, atol=0.04)
 
 
 def test_shuffling_changes_the_order():

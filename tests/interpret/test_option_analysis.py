@@ -21,7 +21,7 @@ def test_every_answer_is_an_array_of_its_shape():
     assert found.usage[found.by_usage[0]] == found.usage.max()
     assert found.durations.shape == (3, k)
     assert found.transitions.shape == found.divergence.shape == (k, k)
-    assert found.interventions.returns.shape == (4 + k, 3)
+    assert found.interventions.returns.shape == (5 + k, 3)
     assert found.interventions is found.interventions  # computed once
     assert found.embeddings.shape == (k, 5)
     assert found.perturbation.actions.shape == (k, 5, 21, 1)
@@ -48,7 +48,7 @@ def test_options_without_embeddings_have_the_rest():
     found = analysis_of_terminations()
     assert found.embeddings is found.perturbation is found.attention is None
     assert found.terminations.shape == (STATES, 3)
-    assert found.interventions.returns.shape == (7, 3)
+    assert found.interventions.returns.shape == (8, 3)
 
 
 def test_a_policy_without_options_is_refused():

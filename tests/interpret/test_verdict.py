@@ -4,16 +4,24 @@ import pytest
 from hitmdp_jax.interpret.interventions import Interventions
 from hitmdp_jax.interpret.verdict import MOST_EPISODES, episodes_needed, verdict
 
-NAMES = ("own choices", "own, shuffled", "uniform choices", "first choice", "option 0", "option 1")
+NAMES = (
+    "own choices",
+    "own, shuffled",
+    "uniform choices",
+    "uniform, held",
+    "first choice",
+    "option 0",
+    "option 1",
+)
 OWN = np.array([90.0, 110.0, 100.0, 100.0, 95.0, 105.0])  # of six states
 NOISE = np.array([1.0, -1.0, 2.0, -2.0, 0.5, -0.5])
 
 
 def episodes(uniform, first, second, noise=NOISE):
     """Episodes in which random choices and each option alone change the return by so much."""
-    changes = [0.0, 0.0, uniform, 0.0, first, second]
+    changes = [0.0, 0.0, uniform, 0.0, 0.0, first, second]
     rows = [OWN + change + noise * (i > 0) for i, change in enumerate(changes)]
-    return Interventions(NAMES, np.array(rows), np.full((6, 6), 50))
+    return Interventions(NAMES, np.array(rows), np.full((7, 6), 50))
 
 
 # The noise's standard deviation is 1.45 and t of five degrees of freedom 2.571: +-1.5 of 100.
