@@ -124,10 +124,9 @@ class CheetahSwitch(MujocoEnv):
 
     def _edit(self, spec: mujoco.MjSpec) -> None:
         """Show the switch (blue) and the goal (red), which touch nothing."""
-        for x, rgba in (
-            (-self.distance, [0.2, 0.4, 1.0, 0.6]),
-            (self.distance, [1.0, 0.2, 0.2, 0.6]),
+        box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [0.05, 0.5, 0.5]}
+        for name, x, rgba in (
+            ("switch", -self.distance, [0.2, 0.4, 1.0, 0.6]),
+            ("goal", self.distance, [1.0, 0.2, 0.2, 0.6]),
         ):
-            spec.worldbody.add_site(
-                type=mujoco.mjtGeom.mjGEOM_BOX, pos=[x, 0.0, 0.5], size=[0.05, 0.5, 0.5], rgba=rgba
-            )
+            spec.worldbody.add_site(name=name, pos=[x, 0.0, 0.5], rgba=rgba, **box)
