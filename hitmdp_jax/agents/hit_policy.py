@@ -10,10 +10,19 @@ import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import static, traced
 from hitmdp_jax.agents.gradient_agent import GradientAgent
+from hitmdp_jax.envs.option_rewards import LEARNED
 from hitmdp_jax.envs.spec import Action
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.options import expected_value
-from hitmdp_jax.networks import MASTER_POLICIES, ActionDecoder, Critic, OptionEncoder, Reads, read
+from hitmdp_jax.networks import (
+    MASTER_POLICIES,
+    ActionDecoder,
+    Critic,
+    OptionEncoder,
+    OptionPosterior,
+    Reads,
+    read,
+)
 
 INITIAL_OPTIONS = ("uniform", "first")
 EMBEDDINGS = ("equal", "normal")
@@ -49,6 +58,7 @@ class HitNetwork(nn.Module):
     option_scale: jax.Array | float
     reads: Reads = Reads()
     own_rewards: bool = False  # whether options have rewards, and so a critic, of their own
+    learned_reward: bool = False  # whether one of them is learned
 
     def setup(self):
         """Declare the parts."""
@@ -69,12 +79,15 @@ class HitNetwork(nn.Module):
         self.critic = Critic(self.hidden_sizes, self.activation)
         if self.own_rewards:
             self.own_critic = Critic(self.hidden_sizes, self.activation)
+        if self.learned_reward:
+            self.posterior = OptionPosterior(self.num_options, self.hidden_sizes, self.activation)
 
     def __call__(self, obs: jax.Array) -> Any:
         """Run every part once, which initialises it."""
         option = jnp.zeros(obs.shape[:-1], jnp.int32)
-        parts = self.master(obs, option), self.action(obs, option), self.q(obs, option)
-        return (*parts, self.own_q(obs, option)) if self.own_rewards else parts
+        parts = [self.master(obs, option), self.action(obs, option), self.q(obs, option)]
+        parts += [self.own_q(obs, option)] if self.own_rewards else []
+        return parts + ([self.log_posterior(obs)] if self.learned_reward else [])
 
     def master(self, obs: jax.Array, previous: jax.Array) -> jax.Array:
         """Return log P(o | s, o_{t-1}) [..., K] for obs [..., O], previous [...]."""
@@ -97,6 +110,10 @@ class HitNetwork(nn.Module):
         """Return the value [...] of going on with the option for ever, by its own reward."""
         every = self.option_scale * jnp.eye(self.num_options, dtype=jnp.float32)
         return self.own_critic(read(obs, self.reads.critic), every, option)
+
+    def log_posterior(self, change: jax.Array) -> jax.Array:
+        """Return log q(o | change) [..., K] for changes of the observation [..., O]."""
+        return self.posterior(read(change, self.reads.posterior))
 
     def every_action(self, obs: jax.Array) -> Any:
         """Return P(a | s, o) of each option, over [..., K], for obs [..., O]."""
@@ -160,6 +177,7 @@ class HitPolicy(GradientAgent):
             self.option_scale,
             self.reads,
             bool(self.option_rewards),
+            LEARNED in self.option_rewards,
         )
 
     def _apply(self, params: Any, method: str, *args: jax.Array) -> Any:
@@ -193,6 +211,10 @@ class HitPolicy(GradientAgent):
     def own_q(self, params: Any, obs: jax.Array, option: jax.Array) -> jax.Array:
         """Return the value [...] of going on with the option for ever, by its own reward."""
         return self._apply(params, "own_q", obs, option)
+
+    def log_posterior(self, params: Any, change: jax.Array) -> jax.Array:
+        """Return log q(o | change) [..., K] for changes of the observation [..., O]."""
+        return self._apply(params, "log_posterior", change)
 
     def every_q(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return Q_O[s, o] of each option, [..., K], for memory [...] before the choice."""

@@ -8,11 +8,13 @@ import jax.numpy as jnp
 from hitmdp_jax.agents.base import static, traced
 from hitmdp_jax.agents.gradient_agent import ScaledAgent, ScaledState
 from hitmdp_jax.agents.hit_policy import HitPolicy
+from hitmdp_jax.envs.option_rewards import LEARNED
 from hitmdp_jax.learning.advantages import generalized_advantages, standardize
 from hitmdp_jax.learning.mutual_information import action_information
 from hitmdp_jax.learning.optimization import adapted_share
 from hitmdp_jax.learning.options import (
     at_option,
+    change_under_option,
     entropy,
     expected_value,
     kl_to_prior,
@@ -44,7 +46,8 @@ class MOPG(HitPolicy, ScaledAgent):
     prior* p(o_t | o_{t-1}) in place of the uniform one: the loss gains `prior_weight` times
     KL(P(. | s, o_{t-1}) || p). And *rewards of their own*: with n `option_rewards`, names of what
     the task offers, option k learns its actions from the (k mod n)-th, as if it went on for ever,
-    while the master policy and Q_O learn from the task's reward alone.
+    while the master policy and Q_O learn from the task's reward alone. The name "learned" stands
+    for log q(o | where the option led), with q a network that learns to tell options apart.
     """
 
     # In the loss, in units of the advantages' spread, whatever a task's rewards: the weights of the
@@ -64,6 +67,8 @@ class MOPG(HitPolicy, ScaledAgent):
     entropy_schedule: str = static("constant", tuple(SCHEDULES))
     prior_schedule: str = static("constant", tuple(SCHEDULES))
     option_rewards: tuple[str, ...] = static((), of=str)
+    learned_steps: int = static(8)  # after which it is asked where an option led, for "learned"
+    posterior_reads: tuple[str, ...] = static((), of=str)
 
     def scheduled(self, progress: jax.Array) -> Self:
         """Return the agent as it is after a fraction `progress` of the run (App. B.2)."""
@@ -141,6 +146,8 @@ class MOPG(HitPolicy, ScaledAgent):
             own_advantage, data["own_target"] = self.own_advantages(params, batch)
             own_advantage = standardize_by_option(own_advantage, option, self.num_options)
             data["advantage_action"] = own_advantage
+        if LEARNED in self.option_rewards:
+            data["change"] = self.change(batch)
         metrics = {
             "option_entropy": option_entropy.mean(),
             "action_entropy": action_entropy.mean(),
@@ -156,8 +163,6 @@ class MOPG(HitPolicy, ScaledAgent):
         time limit: to be left is neither its fault nor its merit.
         """
         option = batch.record
-        assert batch.option_reward is not None
-        paid = batch.option_reward[..., jnp.arange(self.num_options) % len(self.option_rewards)]
         q, q_next = (
             self.own_q(params, batch.obs, option),
             self.own_q(params, batch.next_obs, option),
@@ -165,7 +170,7 @@ class MOPG(HitPolicy, ScaledAgent):
         left = option != jnp.roll(option, -1, axis=0)
         ended = batch.truncated | left
         advantage = generalized_advantages(
-            at_option(paid, option),
+            self.own_reward(params, batch),
             q,
             q_next,
             batch.terminated,
@@ -174,6 +179,27 @@ class MOPG(HitPolicy, ScaledAgent):
             self.gae_lambda,
         )
         return advantage, advantage + q
+
+    def own_reward(self, params: Any, batch: Batch) -> jax.Array:
+        """Return what the option in charge is paid [T, B], by the reward that is its own.
+
+        The learned one is log q(o | where it led) - log p(o) in nats, p uniform.
+        """
+        assert batch.option_reward is not None
+        paid = jnp.asarray(batch.option_reward)
+        if LEARNED in self.option_rewards:
+            log_posterior = self.log_posterior(params, self.change(batch))
+            told = at_option(log_posterior, batch.record) + jnp.log(self.num_options)
+            paid = paid.at[..., self.option_rewards.index(LEARNED)].set(told)
+        of_each = jnp.arange(self.num_options) % len(self.option_rewards)
+        return at_option(paid[..., of_each], batch.record)
+
+    def change(self, batch: Batch) -> jax.Array:
+        """Return where the option in charge led, s_{t+n} - s_t [T, B, O] in normalised units."""
+        ended = batch.terminated | batch.truncated
+        return change_under_option(
+            batch.obs, batch.next_obs, batch.record, ended, self.learned_steps
+        )
 
     def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return the loss of a minibatch: both surrogates and the critic's squared error."""
@@ -204,6 +230,10 @@ class MOPG(HitPolicy, ScaledAgent):
             own_q = self.own_q(params, obs, option)
             own_loss, _ = self.value_loss(params, own_q, data, "own_target", "own_critic")
             loss += own_loss
+        if LEARNED in self.option_rewards:
+            told = at_option(self.log_posterior(params, data["change"]), option).mean()
+            loss -= told
+            metrics |= {"learned_information": told + jnp.log(self.num_options)}
         return loss, metrics
 
     def information(self, params: Any, batch: Batch, log_option: jax.Array) -> jax.Array:

@@ -17,6 +17,7 @@ import numpy as np
 from hitmdp_jax.errors import unknown_name
 
 TASK = "task"  # the task's own reward, under this name
+LEARNED = "learned"  # what an agent rewards itself with: the environment pays nothing
 ALONG = ("forward", "backward")  # of a root that moves along x alone
 COMPASS = (  # of a root that moves in the plane: anticlockwise from the x axis, 45 degrees each
     "east",
@@ -74,7 +75,8 @@ def check_option_rewards(env: Any, names: tuple[str, ...]) -> None:
     Raises:
       UsageError: it does not offer one of them.
     """
-    known = option_reward_names(env) if set(names) - {TASK} else (TASK,)
+    known = option_reward_names(env) if set(names) - {TASK, LEARNED} else (TASK,)
+    known = (*known, LEARNED)
     for name in names:
         if name not in known:
             raise unknown_name("option reward of this task", name, known)
@@ -94,7 +96,7 @@ def option_rewards(
       reward: [B], the task's own.
     """
     paid: dict[str, jax.Array] = {}
-    if set(names) - {TASK}:
+    if set(names) - {TASK, LEARNED}:
         paid = jax.vmap(env.option_rewards)(before, action, after)
-    paid = paid | {TASK: reward}
+    paid = paid | {TASK: reward, LEARNED: jnp.zeros_like(reward)}
     return jnp.stack([jnp.asarray(paid[name], jnp.float32) for name in names], axis=-1)

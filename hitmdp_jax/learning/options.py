@@ -105,6 +105,28 @@ def standardize_by_option(x: jax.Array, option: jax.Array, num_options: int) -> 
     return centred / (jnp.sqrt(of_option @ variance) + 1e-8)
 
 
+def change_under_option(
+    obs: jax.Array, next_obs: jax.Array, option: jax.Array, ended: jax.Array, steps: int
+) -> jax.Array:
+    """Return what an option changed in the next steps, s_{t+n} - s_t, [T, B, O].
+
+    n is `steps`, or less where the option is left, the episode ends or the rollout does.
+
+    Args:
+      obs: [T, B, O], s_t.
+      next_obs: [T, B, O], s_{t+1}, before any reset.
+      option: [T, B] int, o_t.
+      ended: [T, B] bool, the episode ended at t.
+      steps: at least 1.
+    """
+    last = (ended | (option != jnp.roll(option, -1, axis=0))).at[-1].set(True)
+    reached, goes_on = next_obs, ~last
+    for n in range(1, steps):
+        reached = jnp.where(goes_on[..., None], jnp.roll(next_obs, -n, axis=0), reached)
+        goes_on &= ~jnp.roll(last, -n, axis=0)
+    return reached - obs
+
+
 def expected_value(log_probs: jax.Array, q: jax.Array) -> jax.Array:
     """Return V[s, o_{t-1}] = sum_o P(o | s, o_{t-1}) Q[s, o] [...] (HiT-MDP Eq. 6).
 

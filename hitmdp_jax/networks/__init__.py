@@ -4,6 +4,7 @@ from hitmdp_jax.networks.decoders import ActionDecoder, Critic
 from hitmdp_jax.networks.mlp import MLP
 from hitmdp_jax.networks.option_encoder import MASTER_POLICIES, OptionEncoder
 from hitmdp_jax.networks.option_heads import OptionHeads, OptionNetwork
+from hitmdp_jax.networks.posterior import OptionPosterior
 from hitmdp_jax.networks.reads import Reads, read
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "OptionEncoder",
     "OptionHeads",
     "OptionNetwork",
+    "OptionPosterior",
     "Reads",
     "read",
 ]

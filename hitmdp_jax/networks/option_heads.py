@@ -85,7 +85,8 @@ class OptionNetwork(nn.Module):
             out_axes=-2,
             axis_size=self.num_options,
         )
-        acting, choosing, judging = (read(obs, entries) for entries in self.reads)
+        reads = self.reads.action, self.reads.master, self.reads.critic
+        acting, choosing, judging = (read(obs, entries) for entries in reads)
         action, std = each(self.actions.size, *body, name="policies")(acting), None
         if isinstance(self.actions, Box):
             shape = self.num_options, self.actions.size

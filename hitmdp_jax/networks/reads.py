@@ -14,6 +14,7 @@ class Reads(NamedTuple):
     action: Entries = None
     master: Entries = None
     critic: Entries = None
+    posterior: Entries = None
 
 
 def read(obs: jax.Array, entries: Entries) -> jax.Array:

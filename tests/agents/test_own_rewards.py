@@ -149,3 +149,73 @@ def test_a_training_learns_from_them_and_seeds_in_one_program_are_seeds_alone():
 def test_names_are_a_list():
     with pytest.raises(UsageError, match="option_rewards"):
         MOPG(option_rewards="forward")
+
+
+class TestLearnedReward:
+    AGENT = MOPG(
+        option_rewards=("learned", "right"),
+        learned_steps=3,
+        switching_cost=0.0,
+        usage_weight=0.0,
+        **SMALL,
+    )
+
+    @pytest.fixture
+    def agent(self):
+        return Compiled(self.AGENT)
+
+    def test_where_an_option_led_ends_with_the_option(self, agent, batch):
+        """By a loop: three steps on, or as far as option, episode and rollout go."""
+        found = agent.change(batch)
+        ended = batch.terminated | batch.truncated
+        for t, b in np.ndindex(T, B):
+            last = t
+            while (
+                last < t + 2
+                and last + 1 < T
+                and not ended[last, b]
+                and batch.record[last + 1, b] == batch.record[t, b]
+            ):
+                last += 1
+            expected = batch.next_obs[last, b] - batch.obs[t, b]
+            np.testing.assert_allclose(found[t, b], expected, atol=1e-6)
+
+    def test_it_is_what_the_change_tells_of_the_option(self, agent, batch):
+        params = random_params(agent)
+        paid, change = agent.own_reward(params, batch), agent.change(batch)
+        log_q = np.asarray(agent.log_posterior(params, change))
+        np.testing.assert_allclose(np.exp(log_q).sum(-1), 1.0, rtol=1e-5)
+        for t, b in np.ndindex(T, B):
+            option = batch.record[t, b]
+            expected = (
+                log_q[t, b, option] + np.log(K) if option % 2 == 0 else batch.option_reward[t, b, 1]
+            )
+            np.testing.assert_allclose(paid[t, b], expected, rtol=1e-4, atol=1e-5)
+
+    def test_q_learns_to_tell_options_by_their_changes(self, agent, batch):
+        params = random_params(agent)
+        data = flatten(agent.targets(params, batch)[0])
+        loss, metrics = agent.loss(params, data)
+        log_q = np.asarray(agent.log_posterior(params, data["change"]))
+        told = np.take_along_axis(log_q, data["option"][:, None], axis=-1).mean()
+        np.testing.assert_allclose(metrics["learned_information"], told + np.log(K), rtol=1e-4)
+        gradient = compiled(jax.grad(lambda p: agent.loss(p, data)[0]))(params)["posterior"]
+
+        def cross_entropy(params):
+            log_q = agent.log_posterior(params, data["change"])
+            return -jnp.take_along_axis(log_q, data["option"][:, None], axis=-1).mean()
+
+        expected = compiled(jax.grad(cross_entropy))(params)["posterior"]
+        jax.tree.map(
+            lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-5), gradient, expected
+        )
+        assert np.isfinite(loss)
+
+
+def test_a_learned_reward_needs_nothing_of_the_task():
+    env = make_env("toy/cue")
+    agent = MOPG(option_rewards=("learned",), num_epochs=1, hidden_sizes=(8,))
+    init, step = make_train(agent, env, num_steps=256, num_envs=4, rollout_length=64)
+    state, metrics = jax.eval_shape(lambda key: step(init(key)), jax.random.key(0))
+    assert metrics["learned_information"].shape == ()
+    assert "posterior" in state.learner.params
