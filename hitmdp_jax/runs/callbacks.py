@@ -1,6 +1,7 @@
 """`callbacks=`: a user's own code, called while a run goes on."""
 
 import inspect
+from typing import Any
 
 import jax
 import numpy as np
@@ -11,7 +12,7 @@ from hitmdp_jax.runs.checkpoint import Progress
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.interrupt import StopRequest
 from hitmdp_jax.runs.sinks import Values
-from hitmdp_jax.training.callbacks import Callback, Moment, StopAtReturn, check_callback, told
+from hitmdp_jax.training.callbacks import Callback, Moment, check_callbacks, told
 from hitmdp_jax.training.policy import Policy
 
 
@@ -59,17 +60,13 @@ def own_code(config: RunConfig) -> list[OwnCode]:
       UsageError: a class is not there, or is no callback; two share a metric's name; or nobody
         here trusts a file.
     """
-    found = [_made(name) for name in config.callbacks or ()]
-    names = [metric for callback in found for metric in callback.names]
-    for metric in names:
-        if names.count(metric) > 1:
-            raise UsageError(f"Callbacks have the metric '{metric}' twice: rename one of them.")
-    if config.stop_at_return is not None:
-        found.append(StopAtReturn(config.stop_at_return))
+    made = (_made(name) for name in config.callbacks or ())
+    found = check_callbacks(made, config.stop_at_return)
     return [OwnCode(callback, config) for callback in found]
 
 
-def _made(name: str) -> Callback:
+def _made(name: str) -> tuple[Any, str]:
+    """Return a callback that is not checked yet, and its name in a sentence."""
     kind, label = plugins.load_class(name), f"callbacks: {plugins.label(name)}"
     needed = [
         x.name
@@ -78,4 +75,4 @@ def _made(name: str) -> Callback:
     ]
     if needed:
         raise UsageError(f"{label} is made without arguments, and asks for {', '.join(needed)}.")
-    return check_callback(kind(), label)
+    return kind(), label

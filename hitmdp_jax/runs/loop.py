@@ -4,12 +4,10 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import jax
 
 from hitmdp_jax.envs.base import has_model
-from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.physics import NativeEngine
 from hitmdp_jax.physics.speed import native_speed
 from hitmdp_jax.runs import processes
@@ -24,8 +22,8 @@ from hitmdp_jax.runs.schedule import Schedule
 from hitmdp_jax.runs.sinks import Sinks, open_sinks
 from hitmdp_jax.runs.sinks.terminal import TerminalSink
 from hitmdp_jax.training.divergence import CAUSES
+from hitmdp_jax.training.host_loop import compiled
 from hitmdp_jax.training.program import Iterate
-from hitmdp_jax.training.state import TrainState
 from hitmdp_jax.training.sweep import Training
 
 
@@ -112,22 +110,10 @@ def begin(run: Run, run_dir: Path, iteration: int) -> tuple[TerminalSink, Sinks]
 
 
 def prepare(run: Run, task: int, progress: Progress) -> Iterate:
-    """Move on to a task: its state into `progress`, and its iteration compiled.
-
-    The iteration is given the replay's memory to write into; the rest of the state, which is small,
-    may still be on its way into a checkpoint.
-    """
+    """Move on to a task: its state into `progress`, and its iteration compiled."""
     init, step = run.programs(task)
     progress.state, progress.task = run.begin(task, progress, init), task
-
-    def donated(replay: Any, rest: TrainState) -> tuple[TrainState, Metrics]:
-        return step(rest.replace(replay=replay))
-
-    def parts(state: TrainState) -> tuple[Any, TrainState]:
-        return state.replay, state.replace(replay=())
-
-    program = jax.jit(donated, donate_argnums=0).lower(*parts(progress.state)).compile()
-    return lambda state: program(*parts(state))
+    return compiled(step, progress.state)
 
 
 def iterate(

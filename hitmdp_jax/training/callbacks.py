@@ -3,7 +3,7 @@
 import abc
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -73,7 +73,7 @@ class StopAtReturn(Callback):
     every = 1  # which is each report
 
     def __init__(self, least: float):
-        if math.isnan(least):
+        if isinstance(least, bool) or not isinstance(least, int | float) or math.isnan(least):
             raise out_of_domain("stop_at_return", least, "a number")
         self.least = least
 
@@ -91,6 +91,8 @@ def check_callback(callback: Any, name: str) -> Callback:
     Raises:
       UsageError: it is no callback, or `every` or `names` of it cannot be used.
     """
+    if isinstance(callback, type):
+        raise UsageError(f"callbacks holds the class {name}: pass a callback, {name}().")
     if not isinstance(callback, Callback):
         raise UsageError(f"{name} is no callback: derive it from hitmdp_jax.Callback.")
     whole_number(f"every of {name}", callback.every, at_least=1)
@@ -102,6 +104,26 @@ def check_callback(callback: Any, name: str) -> Callback:
         if metric in COUNTED or describe(metric) is not REWARD_TERM:
             raise UsageError(f"{name}'s metric '{metric}' has the name of a run's own: rename it.")
     return callback
+
+
+def check_callbacks(
+    callbacks: Iterable[tuple[Any, str]], stop_at_return: float | None = None
+) -> list[Callback]:
+    """Return what a run calls, of callbacks with their names in a sentence.
+
+    Args:
+      callbacks: one's own.
+      stop_at_return: a return that ends the run, see `StopAtReturn`; None: none does.
+
+    Raises:
+      UsageError: as `check_callback`, two share a metric's name, or the return is no number.
+    """
+    found = [check_callback(*named) for named in callbacks]
+    names = [metric for callback in found for metric in callback.names]
+    for metric in names:
+        if names.count(metric) > 1:
+            raise UsageError(f"Callbacks have the metric '{metric}' twice: rename one of them.")
+    return found if stop_at_return is None else [*found, StopAtReturn(stop_at_return)]
 
 
 def told(callback: Callback, now: Moment) -> dict[str, np.ndarray]:

@@ -22,7 +22,9 @@ from hitmdp_jax.learning.normalization import initial_statistics, update_statist
 from hitmdp_jax.learning.rollout import RolloutState, collect
 from hitmdp_jax.metrics import Metrics, over_iterations
 from hitmdp_jax.precision import in_32_bits
+from hitmdp_jax.training.callbacks import Callback, check_callbacks
 from hitmdp_jax.training.divergence import freeze_diverged, watched
+from hitmdp_jax.training.host_loop import Iterate, check_untraced, train_with
 from hitmdp_jax.training.policy import Policy
 from hitmdp_jax.training.sizes import check_sizes, num_iterations, pool_period, usual_pool_size
 from hitmdp_jax.training.state import Hyperparameters, TrainState
@@ -36,7 +38,6 @@ from hitmdp_jax.training.warm_start import (
 )
 
 Init = Callable[..., TrainState]  # of a key and, in place of the agent's, of `Hyperparameters`
-Iterate = Callable[[TrainState], tuple[TrainState, Metrics]]
 
 
 def make_train(
@@ -218,32 +219,51 @@ def train(
     num_steps: int,
     num_envs: int = 16,
     rollout_length: int = 128,
+    callbacks: Sequence[Callback] = (),
+    stop_at_return: float | None = None,
     **options: Any,
 ) -> tuple[TrainState, Metrics]:
     """Run a whole training run as one function of a key, to be jitted and vmapped.
 
-    `jax.vmap(lambda agent, key: train(agent, env, key, num_steps=n))` runs a sweep.
+    `jax.vmap(lambda agent, key: train(agent, env, key, num_steps=n))` runs a sweep. With callbacks
+    or `stop_at_return` the host begins one compiled iteration after the other, so that it can look
+    and end the run: then it can be neither jitted nor vmapped.
 
     Args:
       agent: the algorithm and its hyperparameters, which may be traced.
       env: a Brax environment, unbatched and without auto-reset.
-      key: PRNG key; the run is a function of it.
+      key: PRNG key; the run is a function of it. With callbacks it may be [R], of several trainings
+        side by side, whose results are [R, ...].
       num_steps: environment steps.
       num_envs: environments stepped side by side.
       rollout_length: actions in each environment an iteration.
+      callbacks: called after whole iterations, as often as each says; their metrics are NaN where
+        they were not called.
+      stop_at_return: end the run once the mean return of each training's last 100 episodes is as
+        high.
       **options: further arguments of `make_train`.
 
     Returns:
       The final state, and the metrics of every iteration [iterations, ...].
 
     Raises:
-      UsageError: a size is not positive or does not divide.
+      UsageError: a size is not positive or does not divide; or as `callbacks.check_callbacks` and
+        `host_loop.check_untraced`.
     """
     sizes = {"num_steps": num_steps, "num_envs": num_envs, "rollout_length": rollout_length}
+    named = ((x, getattr(x, "__name__", type(x).__name__)) for x in callbacks)
+    own = check_callbacks(named, stop_at_return)
+    if own:
+        check_untraced(agent, env, key)
     init, step = make_train(agent, env, **sizes, **options)
     if not hasattr(key, "dtype"):
         raise out_of_domain("key", key, "a key, such as jax.random.key(0)")
-    iterations = num_iterations(**sizes, action_repeat=action_repeat_of(env))
+    repeats = action_repeat_of(env)
+    iterations = num_iterations(**sizes, action_repeat=repeats)
+    if own:
+        steps = num_envs * rollout_length * repeats
+        counts = {"iterations": iterations, "steps_per_iteration": steps}
+        return train_with(own, agent, init, step, key, **counts)
     return jax.lax.scan(lambda state, _: step(state), init(key), length=iterations)
 
 

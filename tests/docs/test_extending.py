@@ -99,6 +99,18 @@ def test_what_was_trained_is_loaded_and_acts(folder, run_dir):
     assert action == likeliest
 
 
+def test_the_callback_sees_a_training_from_python(folder):
+    env = hitmdp_jax.make_env(f"{folder}/puck.py:Puck")
+    agent = module_of(folder / "reinforce.py", "reinforce").Reinforce()
+    callback = module_of(folder / "norm.py", "norm").ParameterNorm()
+    key = jax.random.key(0)
+    state, seen = hitmdp_jax.train(agent, env, key, num_steps=10_000, callbacks=[callback])
+    norms = seen["parameter_norm"]
+    assert np.isnan(norms[::2]).all()  # it is called every 4096 steps, after two iterations
+    assert (norms[1::2] > 0).all()
+    assert int(state.iteration) == len(norms) == 5
+
+
 def test_what_was_trained_is_scored(run_dir, monkeypatch, capsys):
     scored = re.search(r"^python -m hitmdp_jax (evaluate .*)$", PAGE, re.MULTILINE)[1]
     arguments = scored.replace("20", "4").replace("RUN_DIR", str(run_dir)).split()
