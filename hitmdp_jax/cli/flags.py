@@ -103,6 +103,9 @@ def _video(parser: Parser) -> None:
     _out(parser, "an .mp4 file, or a folder (default: RUN_DIR/videos)")
     _engine(parser, "mjx, native or warp")
     _deterministic(parser)
+    _switch(
+        parser, "--options", "film what each option does by itself, side by side from one state"
+    )
     _switch(parser, "--tensorboard", "write both for TensorBoard too, beside the video")
 
 

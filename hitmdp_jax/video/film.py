@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib.util
+import itertools
 import math
 import shutil
 import subprocess
@@ -22,6 +23,7 @@ from hitmdp_jax.video.rendering import SIZE
 
 MAX_FPS = 60
 WITHOUT_CLOCK = 8.0  # frames a second of tasks whose steps take no time
+SMALL = (480, 360)  # pixels of the picture of the body in each of several films side by side
 GIF = (320, 10, 10)  # pixels in width, frames a second and seconds of an animated picture
 
 
@@ -89,6 +91,53 @@ def write_video(
             title = f"episode {number} of {len(chosen)}" if len(chosen) > 1 else ""
             for frame in Scene(env, recorded, episode, title).frames(painter, every):
                 write(frame)
+
+
+def write_side_by_side(
+    path: Path, env: Env, films: Sequence[Trajectories], size: tuple[int, int] = SMALL
+) -> None:
+    """Write the first episodes of several recordings side by side, as an MP4.
+
+    An episode that has ended stands still on its last frame until the longest has ended, too.
+
+    Args:
+      path: the file, which appears when it is whole.
+      env: the task they were recorded in.
+      films: the recordings, with what pictures need; all of them with options, or none.
+      size: width and height of each picture of the body, pixels; even numbers.
+
+    Raises:
+      UsageError: nothing can be drawn here, or no video written.
+    """
+    every, fps = timing(spec_of(env).dt)
+    columns = math.ceil(math.sqrt(len(films)))
+    rows = math.ceil(len(films) / columns)
+    width, height = Scene.frame_size(size, films[0].option is not None)
+    with (
+        encoder(path, (columns * width, rows * height), fps) as write,
+        painter_of(env, size) as painter,
+    ):
+        scenes = [Scene(env, recorded, 0).frames(painter, every) for recorded in films]
+        for frames in together(scenes):
+            write(grid(frames, columns))
+
+
+def together(films: Sequence[Iterator[np.ndarray]]) -> Iterator[list[np.ndarray]]:
+    """Yield a frame of each film until all have ended; one that has ended keeps its last."""
+    last: list[np.ndarray] = []
+    for frames in itertools.zip_longest(*films):
+        last = [
+            old if new is None else new for old, new in zip(last or frames, frames, strict=True)
+        ]
+        yield last
+
+
+def grid(frames: Sequence[np.ndarray], columns: int) -> np.ndarray:
+    """Return frames [height, width, 3] as one picture, row by row; what is left over is white."""
+    missing = -len(frames) % columns
+    filled = [*frames, *([np.full_like(frames[0], 255)] * missing)]
+    rows = [np.concatenate(filled[i : i + columns], 1) for i in range(0, len(filled), columns)]
+    return np.concatenate(rows, 0)
 
 
 @contextlib.contextmanager

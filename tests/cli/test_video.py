@@ -29,6 +29,21 @@ def test_a_run_is_filmed_into_its_folder(command, finished, tmp_path):
     assert frames == steps  # 25 a second, every step
 
 
+def test_each_option_is_filmed_by_itself_side_by_side(command, finished, tmp_path):
+    out = tmp_path / "films"
+    result = command("video", finished[0], "--options", "--out", out, "--engine", "native")
+    assert result.returncode == 0, result.stderr
+    *options, saved = result.stdout.splitlines()
+    assert [line.split(" alone: ")[0] for line in options] == [
+        f"Option {k}" for k in range(len(options))
+    ]
+    (path,) = out.iterdir()
+    assert saved == f"Saved {path}."
+    assert path.name.endswith("_options.mp4")
+    frames, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
+    assert frames == max(int(line.split()[3]) for line in options)
+
+
 def test_a_video_may_be_given_a_name(command, finished, tmp_path):
     arguments = ("--deterministic", "--episodes", "1", "--out", tmp_path / "a" / "b.mp4")
     result = command("video", finished[0], *arguments)

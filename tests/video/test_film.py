@@ -87,3 +87,31 @@ def test_what_is_missing_is_said(tmp_path, env, recorded, monkeypatch):
     monkeypatch.setattr(film.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match="needs the extra 'video'"):
         write_video(tmp_path / "a.mp4", env, recorded, size=SIZE)
+
+
+def picture(value):
+    return np.full((2, 4, 3), value, np.uint8)
+
+
+def test_films_side_by_side_last_as_long_as_the_longest():
+    films = [iter([picture(1), picture(2), picture(3)]), iter([picture(7)]), iter([picture(8)] * 2)]
+    seen = [[int(frame[0, 0, 0]) for frame in frames] for frames in film.together(films)]
+    assert seen == [[1, 7, 8], [2, 7, 8], [3, 7, 8]]
+
+
+def test_frames_stand_row_by_row_and_what_is_left_over_is_white():
+    whole = film.grid([picture(1), picture(2), picture(3)], 2)
+    assert whole.shape == (4, 8, 3)
+    assert whole[::2, ::4, 0].tolist() == [[1, 2], [3, 255]]
+    assert film.grid([picture(5)], 1).tolist() == picture(5).tolist()
+
+
+def test_a_video_of_several_shows_each_in_its_place(tmp_path, env, recorded):
+    path = tmp_path / "a.mp4"
+    film.write_side_by_side(path, env, [recorded, recorded], size=SIZE)
+    frames, _ = read(path)
+    width = 96 + 2 * BORDER
+    assert frames.shape == (10, HEADER + 64 + 2 * BORDER + FOOTER, 2 * width, 3)
+    for column in range(2):
+        border = frames[:, HEADER + 32, column * width + 2].astype(float)
+        np.testing.assert_allclose(border, [rgb(k) for k in OPTIONS], atol=25)
