@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.special import rel_entr
 
-from hitmdp_jax import UsageError, make_env
-from hitmdp_jax.agents import MOPG
+from hitmdp_jax import UsageError, make_env, train
+from hitmdp_jax.agents import MOPG, PPO
 from hitmdp_jax.learning.options import standardize_by_option
 from hitmdp_jax.training.program import make_train
 from tests.agents.compiled import Compiled
@@ -219,3 +219,28 @@ def test_a_learned_reward_needs_nothing_of_the_task():
     state, metrics = jax.eval_shape(lambda key: step(init(key)), jax.random.key(0))
     assert metrics["learned_information"].shape == ()
     assert "posterior" in state.learner.params
+
+
+@pytest.mark.slow
+def test_options_with_rewards_of_their_own_leave_the_pocket_and_ppo_does_not():
+    """Two seeds, 122,880 steps of `trap/point`; about a minute on two cores."""
+    env = make_env("trap/point", physics="native")
+    exploring = MOPG(
+        option_rewards=("east", "north", "west", "south"),
+        stay=0.95,
+        prior_weight=1.0,
+        switching_cost=0.0,
+        usage_weight=0.0,
+        option_scale=1.0,
+        action_reads=("body",),
+        minibatch_size=256,
+    )
+
+    def success(agent):
+        keys = jax.random.split(jax.random.key(7), 2)
+        run = jax.vmap(lambda key: train(agent, env, key, num_steps=122_880)[1])
+        metrics = jax.jit(run)(keys)
+        return np.nanmean(np.asarray(metrics["success"])[:, -8:], axis=1)
+
+    assert (success(exploring) > 0.5).all()
+    assert (success(PPO(minibatch_size=256)) < 0.05).all()

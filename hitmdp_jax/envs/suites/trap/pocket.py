@@ -4,6 +4,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import mujoco
 
 from hitmdp_jax.envs.assets import load_model
 from hitmdp_jax.envs.base import MujocoEnv
@@ -15,6 +16,9 @@ from hitmdp_jax.envs.suites.maze.point import BALL, MJX_BUDGET, PointMaze
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 5  # substeps of 0.01 s of the ball, which moves 0.25 m in a step at most
+# In the mazes nothing slows the ball down, so that noise alone drives it far: PPO finds the way
+# round. Here it forgets a push within 0.25 s, and the greatest force moves it at 5 m/s.
+DAMPING, FORCE = 16.8, 84.0  # N s/m and N; the mass is 4.2 kg
 # S is the start, G the goal. The pocket is open towards the start, and the goal lies behind it.
 POCKET = (
     "#########",
@@ -86,8 +90,9 @@ class PocketEnv(MazeEnv):
 class PointPocket(PocketEnv, PointMaze):
     """Push a ball out of the straight way, around the pocket, to the goal.
 
-    The ball is that of `PointMaze`, with steps of 0.05 s. The goal is 6 m away, the way round is 12
-    m long, and the time limit is 200 steps.
+    The ball is that of `PointMaze`, with steps of 0.05 s, and slowed down: it forgets a push within
+    0.25 s, and moves at 5 m/s under the greatest force, 84 N. The goal is 6 m away, the way round
+    is 12 m long, and the time limit is 200 steps.
 
     Args:
       **keywords: see `PocketEnv`.
@@ -97,8 +102,16 @@ class PointPocket(PocketEnv, PointMaze):
     episode_length = 200
 
     def __post_init__(self, physics: PhysicsChoice):
-        model = load_model(BALL, self.maze.add_to)
+        model = load_model(BALL, self._edit)
         MujocoEnv.__init__(self, model, FRAME_SKIP, physics, mjx_budget=MJX_BUDGET)
+
+    @classmethod
+    def _edit(cls, spec: mujoco.MjSpec) -> None:
+        for joint in spec.joints:
+            joint.damping[0] = DAMPING
+        for actuator in spec.actuators:
+            actuator.gear[0] = FORCE
+        cls.maze.add_to(spec)
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)

@@ -89,6 +89,22 @@ def test_going_round_earns_the_prize_and_ends_the_episode(reward_type):
     np.testing.assert_allclose(sum(rewards), expected, rtol=1e-4)
 
 
+def test_the_ball_forgets_a_push_and_has_a_greatest_speed():
+    """By the solution of m dv/dt = F - c v, which MuJoCo integrates in steps of 0.01 s."""
+    env = make_env("trap/point", physics="native")
+    mass, force, damping = 4.18879, 84.0, 16.8  # kg, N, N s/m; joints' damping is implicit
+    per_substep = 1.0 / (1.0 + 0.01 * damping / mass)
+    state, expected = env.reset_to(*env.sample_initial(jax.random.key(0))), 0.0
+    push = compiled(env.step)
+    for step in range(12):
+        force_now = force if step < 6 else 0.0
+        state = push(state, jnp.array([0.0, force_now / force]))
+        for _ in range(5):
+            expected = (expected + 0.01 * force_now / mass) * per_substep
+        np.testing.assert_allclose(state.pipeline_state.qvel[1], expected, rtol=2e-2)
+    assert force / damping == 5.0
+
+
 def test_marks_of_a_map_are_free_and_found():
     maze = maps.Maze(("####", "#SG#", "####"), cell=2.0, height=1.0)
     np.testing.assert_array_equal(maze.centre(maps.START), [-1.0, 0.0])
