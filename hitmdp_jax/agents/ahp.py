@@ -59,11 +59,11 @@ class AHP(ClippedOptionAgent):
         return log_stop + log_option + heads.policy(option).log_prob(data["action"])
 
     def value(self, heads: OptionHeads, memory: OptionMemory) -> jax.Array:
-        """Return V[s_t, o_{t-1}] [...]; the last output where an episode starts."""
+        """Return V[s_t, o_{t-1}], of shape [...]: the last output where an episode starts."""
         return at_option(heads.value, jnp.where(memory.initial, self.num_options, memory.previous))
 
     def value_of(self, params: Any, obs: jax.Array, memory: OptionMemory) -> jax.Array:
-        """Return V[s, o_{t-1}] [...]."""
+        """Return V[s, o_{t-1}], of shape [...]."""
         return self.value(self.heads(params, obs), memory)
 
     def option_of(self, record: tuple[jax.Array, jax.Array]) -> jax.Array:

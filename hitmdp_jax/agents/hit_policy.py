@@ -102,7 +102,7 @@ class HitNetwork(nn.Module):
         return self.decoder(read(obs, self.reads.action), rows, option)
 
     def q(self, obs: jax.Array, memory: jax.Array) -> jax.Array:
-        """Return Q_O[s, o_t] [...] for obs [..., O], memory [...] with o_t as its newest option."""
+        """Return Q_O[s, o_t], of shape [...], for obs [..., O] and memory [...] ending in o_t."""
         every = self.option_scale * jnp.eye(self.num_options**self.value_order, dtype=jnp.float32)
         return self.critic(read(obs, self.reads.critic), every, memory)
 
@@ -205,7 +205,7 @@ class HitPolicy(GradientAgent):
         return self._apply(params, "every_action", obs)
 
     def q(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
-        """Return Q_O[s, o_t] [...] for obs [..., O], memory [...] with o_t as its newest option."""
+        """Return Q_O[s, o_t], of shape [...], for obs [..., O] and memory [...] ending in o_t."""
         return self._apply(params, "q", obs, memory)
 
     def own_q(self, params: Any, obs: jax.Array, option: jax.Array) -> jax.Array:
@@ -258,7 +258,7 @@ class HitPolicy(GradientAgent):
         return record
 
     def value_of(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
-        """Return V[s, o_{t-1}] = sum_o P(o | s, o_{t-1}) Q_O[s, o] [...]."""
+        """Return V[s, o_{t-1}] = sum_o P(o | s, o_{t-1}) Q_O[s, o], of shape [...]."""
         log_option = self.option_log_probs(params, obs, self.previous_option(memory))
         return expected_value(log_option, self.every_q(params, obs, memory))
 

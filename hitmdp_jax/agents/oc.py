@@ -81,7 +81,7 @@ class OC(OptionAgent):
         return TargetState(params, opt_state, target), metrics | diagnostics
 
     def value_upon_arrival(self, params: Any, obs: jax.Array, option: jax.Array) -> jax.Array:
-        """Return U[s, o] [...], the value of reaching s while o is under way (Bacon's Eq. 3)."""
+        """Return U[s, o], of shape [...]: the value of reaching s during o (Bacon's Eq. 3)."""
         heads = self.heads(params, obs)
         stop = jax.nn.sigmoid(at_option(heads.termination, option))
         return (1.0 - stop) * at_option(heads.value, option) + stop * heads.value.max(-1)

@@ -106,7 +106,7 @@ class OptionAgent(GradientAgent):
         return record
 
     def value_of(self, params: Any, obs: jax.Array, memory: Any) -> jax.Array:
-        """Return V[s, o_{t-1}] = sum_o P(o | s, o_{t-1}) Q[s, o] [...]."""
+        """Return V[s, o_{t-1}] = sum_o P(o | s, o_{t-1}) Q[s, o], of shape [...]."""
         heads = self.heads(params, obs)
         return expected_value(self.option_log_probs(heads, memory), heads.value)
 

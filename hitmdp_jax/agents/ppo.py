@@ -58,7 +58,7 @@ class PPO(ScaledAgent):
         return policy, value, ()
 
     def value_of(self, params: Any, obs: jax.Array, memory: Any) -> jax.Array:
-        """Return V[s] [...]."""
+        """Return V[s], of shape [...]."""
         return self.heads(params, obs, memory)[1]
 
     def policy(self, params: Any, obs: jax.Array, option: Any = None) -> Any:

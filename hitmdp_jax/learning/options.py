@@ -128,7 +128,7 @@ def change_under_option(
 
 
 def expected_value(log_probs: jax.Array, q: jax.Array) -> jax.Array:
-    """Return V[s, o_{t-1}] = sum_o P(o | s, o_{t-1}) Q[s, o] [...] (HiT-MDP Eq. 6).
+    """Return V[s, o_{t-1}] = sum_o P(o | s, o_{t-1}) Q[s, o], of shape [...] (HiT-MDP Eq. 6).
 
     Args:
       log_probs: [..., K] log P(o | s, o_{t-1}).
@@ -140,7 +140,7 @@ def expected_value(log_probs: jax.Array, q: jax.Array) -> jax.Array:
 def value_of_next_option(
     q_next: jax.Array, log_prob_next: jax.Array, option: jax.Array, ended: jax.Array
 ) -> jax.Array:
-    """Return Q[s_{t+1}, o_{t+1}] [T, B] as a rollout's intra-option advantage needs it.
+    """Return Q[s_{t+1}, o_{t+1}], of shape [T, B], as a rollout's intra-option advantage needs it.
 
     The next option is the one drawn, except where the episode or the rollout ends: there it is
     averaged over P(o | s_{t+1}, o_t).

@@ -80,7 +80,7 @@ def augmented_transition(hit: HiTMDP) -> jax.Array:
 
 
 def markovian_option_value(hit: HiTMDP, q_action: jax.Array) -> jax.Array:
-    r"""Return V-bar[s, o_{t-1}] [S, K_prev] of some Q_A [S, K, A] (Eq. 6, its soft version).
+    r"""Return V-bar[s, o_{t-1}], of shape [S, K_prev], given Q_A [S, K, A] (Eq. 6, soft).
 
     .. math::
       \bar V[s, o_{t-1}] = \sum_o \pi_O(o | s, o_{t-1}) \Big( Q_O[s, o]

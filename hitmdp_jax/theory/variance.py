@@ -39,7 +39,7 @@ def previous_option_belief(weights: jax.Array) -> jax.Array:
 
 
 def expected_value(v_bar: jax.Array, belief: jax.Array) -> jax.Array:
-    r"""Return E[V-bar[s, o_{t-1}] | s] [S], the right-hand side of Proposition 3.4.
+    r"""Return E[V-bar[s, o_{t-1}] | s], of shape [S]: the right-hand side of Proposition 3.4.
 
     .. math::
       E[G_t | s_t = s] = \sum_{o} P(o_{t-1} = o | s_t = s) \bar V[s, o]
@@ -51,7 +51,7 @@ def expected_value(v_bar: jax.Array, belief: jax.Array) -> jax.Array:
 
 
 def return_second_moment(hit: HiTMDP) -> jax.Array:
-    r"""Return E[G^2 | s, o_{t-1}] [S, K_prev], by a linear solve.
+    r"""Return E[G^2 | s, o_{t-1}], of shape [S, K_prev], by a linear solve.
 
     .. math::
       E[G^2] = E[\rho^2] + 2 \gamma E[\rho \bar V'] + \gamma^2 E[G'^2]
