@@ -98,7 +98,7 @@ def _chosen(experiment: Experiment, given: dict[str, str], settings: list[str]) 
         raise UsageError(f"experiment takes no {name}=: its arms name what is compared.")
     tasks, arms = experiment.tasks, experiment.arms
     if not tasks:
-        words = named([*experiment.settings, *settings])
+        words = named(last_of_each([*experiment.settings, *settings]))
         label = plugins.label(words.get("pair", words.get("env", "halfcheetah")))
         tasks = {label.replace("/", "-"): []}
     if "arms" in given:

@@ -1,5 +1,7 @@
 """`hitmdp experiment NAME ...` as a user runs it."""
 
+import csv
+import dataclasses
 import shutil
 import signal
 
@@ -19,14 +21,11 @@ from tests.cli.conftest import CHECKOUT, QUICK, SMALL, rows_of, signal_after_row
 def test_every_cell_of_the_catalogue_can_be_run_and_the_paper_speaks_of_no_other(name):
     read = experiment.read(name)
     tasks = read.tasks or {"": []}
+    whole = dataclasses.replace(read, tasks=tasks)
     # Each task under one arm and each arm on one task: composing every pair takes a quarter minute.
     (task, *_), (arm, *_) = tasks, read.arms
     cells = {(t, arm) for t in tasks} | {(task, a) for a in read.arms}
-    configs = configs_of(
-        {f"{t}/{a}": [*read.settings, *tasks[t], *read.arms[a]] for t, a in cells}
-        if not read.tasks
-        else {f"{t}/{a}": read.settings_of(t, a) for t, a in cells}
-    )
+    configs = configs_of({f"{t}/{a}": whole.settings_of(t, a) for t, a in cells})
     assert all(config.seeds >= 10 for config in configs.values())
     usual = dict(text.split("=", 1) for text in read.settings)["total_steps"]
     for t in tasks:  # its own number of steps, where it names one
@@ -107,19 +106,22 @@ def test_an_experiment_of_ones_own_is_trained_and_told_on_its_page(command, tmp_
     own = {
         "title": "Does discounting matter?",
         "control": "long",
-        "settings": [*QUICK, "total_steps=2048"],
+        "settings": [*QUICK, "total_steps=2048", "seed=5"],
         "arms": {"long": [], "short, 10 steps": ["algo.gamma=0.9"]},
     }
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(own))
-    result = command("experiment", "own.yaml", cwd=tmp_path)
+    # A setting of the command line counts before the experiment's own.
+    result = command("experiment", "own.yaml", "seed=3", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert len(arms_here) == 2
+    seeds = tmp_path / "runs/experiments/own/results/invertedpendulum/seeds.csv"
+    assert [row["seed"] for row in csv.DictReader(seeds.open())] == ["3", "3"]
     page = (tmp_path / "runs" / "experiments" / "own" / "results.md").read_text()
     assert "## Does discounting matter?" in page
     assert "### invertedpendulum" in page
     assert "| short, 10 steps | 1 |" in page
     assert "minus long" in page
-    again = command("experiment", "own.yaml", "arms=long", "page=page.md", cwd=tmp_path)
+    again = command("experiment", "own.yaml", "arms=long", "page=page.md", "seed=3", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
     assert len(arms_here) == 2  # nothing is trained again
     assert "short" not in again.stdout
