@@ -6,21 +6,18 @@ import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import static, traced
-from hitmdp_jax.agents.gradient_agent import ScaledAgent, ScaledState
-from hitmdp_jax.agents.hit_policy import HitPolicy
-from hitmdp_jax.envs.option_rewards import LEARNED
-from hitmdp_jax.learning.advantages import generalized_advantages, standardize
+from hitmdp_jax.agents.gradient_agent import ScaledState
+from hitmdp_jax.agents.own_rewards import OwnRewards
+from hitmdp_jax.learning.advantages import standardize
 from hitmdp_jax.learning.mutual_information import action_information
 from hitmdp_jax.learning.optimization import adapted_share
 from hitmdp_jax.learning.options import (
     at_option,
-    change_under_option,
     entropy,
     expected_value,
     kl_to_prior,
     log_sticky,
     option_statistics,
-    standardize_by_option,
     value_of_next_option,
 )
 from hitmdp_jax.learning.rollout import Batch
@@ -32,7 +29,7 @@ from hitmdp_jax.precision import in_32_bits
 INFORMATION = ("none", "action")  # choices of the intrinsic reward I_t
 
 
-class MOPG(HitPolicy, ScaledAgent):
+class MOPG(OwnRewards):
     """Learns K options and the master policy that chooses among them at every step.
 
     Maximises the ELBO (Thm 4.1), the return of r + a_I I_t + a_H H(pi_O) + a_H H(pi_A), by PPO's
@@ -44,10 +41,8 @@ class MOPG(HitPolicy, ScaledAgent):
 
     Two additions, off by default, make options that explore (docs/options_that_pay.md). A *sticky
     prior* p(o_t | o_{t-1}) in place of the uniform one: the loss gains `prior_weight` times
-    KL(P(. | s, o_{t-1}) || p). And *rewards of their own*: with n `option_rewards`, names of what
-    the task offers, option k learns its actions from the (k mod n)-th, as if it went on for ever,
-    while the master policy and Q_O learn from the task's reward alone. The name "learned" stands
-    for log q(o | where the option led), with q a network that learns to tell options apart.
+    KL(P(. | s, o_{t-1}) || p). And *rewards of their own* (`OwnRewards`): options learn from other
+    rewards than the task's, while the master policy and Q_O learn from the task's alone.
     """
 
     # In the loss, in units of the advantages' spread, whatever a task's rewards: the weights of the
@@ -59,16 +54,12 @@ class MOPG(HitPolicy, ScaledAgent):
     prior_weight: float = traced(0.0)
     final_prior_weight: float = traced(0.0)
     stay: float = traced(0.95, low=1e-6, high=0.999999)  # p(o_t = o_{t-1} | o_{t-1})
-    own_gamma: float = traced(0.95, high=1.0)  # discount factor of the options' own rewards
     entropy_weight: float = traced(0.0)  # a_H, at the start of a run where it is annealed
     final_entropy_weight: float = traced(0.0)  # a_H at the end of an annealed run
     information_weight: float = traced(0.0)  # a_I
     mutual_information: str = static("none", INFORMATION)
     entropy_schedule: str = static("constant", tuple(SCHEDULES))
     prior_schedule: str = static("constant", tuple(SCHEDULES))
-    option_rewards: tuple[str, ...] = static((), of=str)
-    learned_steps: int = static(8)  # after which it is asked where an option led, for "learned"
-    posterior_reads: tuple[str, ...] = static((), of=str)
 
     def scheduled(self, progress: jax.Array) -> Self:
         """Return the agent as it is after a fraction `progress` of the run (App. B.2)."""
@@ -143,11 +134,7 @@ class MOPG(HitPolicy, ScaledAgent):
             "value_target": advantage_action + q,
         }
         if self.option_rewards:
-            own_advantage, data["own_target"] = self.own_advantages(params, batch)
-            own_advantage = standardize_by_option(own_advantage, option, self.num_options)
-            data["advantage_action"] = own_advantage
-        if LEARNED in self.option_rewards:
-            data["change"] = self.change(batch)
+            data |= self.own_targets(params, batch)
         metrics = {
             "option_entropy": option_entropy.mean(),
             "action_entropy": action_entropy.mean(),
@@ -155,51 +142,6 @@ class MOPG(HitPolicy, ScaledAgent):
             "value": value.mean(),
         }
         return data, metrics | option_statistics(option, previous, batch.started, self.num_options)
-
-    def own_advantages(self, params: Any, batch: Batch) -> tuple[jax.Array, jax.Array]:
-        """Return GAE [T, B] of the actions by their options' own rewards, and the critic's targets.
-
-        Where the master policy goes to another option, the option's own value takes over, as at a
-        time limit: to be left is neither its fault nor its merit.
-        """
-        option = batch.record
-        q, q_next = (
-            self.own_q(params, batch.obs, option),
-            self.own_q(params, batch.next_obs, option),
-        )
-        left = option != jnp.roll(option, -1, axis=0)
-        ended = batch.truncated | left
-        advantage = generalized_advantages(
-            self.own_reward(params, batch),
-            q,
-            q_next,
-            batch.terminated,
-            ended,
-            self.own_gamma,
-            self.gae_lambda,
-        )
-        return advantage, advantage + q
-
-    def own_reward(self, params: Any, batch: Batch) -> jax.Array:
-        """Return what the option in charge is paid [T, B], by the reward that is its own.
-
-        The learned one is log q(o | where it led) - log p(o) in nats, p uniform.
-        """
-        assert batch.option_reward is not None
-        paid = jnp.asarray(batch.option_reward)
-        if LEARNED in self.option_rewards:
-            log_posterior = self.log_posterior(params, self.change(batch))
-            told = at_option(log_posterior, batch.record) + jnp.log(self.num_options)
-            paid = paid.at[..., self.option_rewards.index(LEARNED)].set(told)
-        of_each = jnp.arange(self.num_options) % len(self.option_rewards)
-        return at_option(paid[..., of_each], batch.record)
-
-    def change(self, batch: Batch) -> jax.Array:
-        """Return where the option in charge led, s_{t+n} - s_t [T, B, O] in normalised units."""
-        ended = batch.terminated | batch.truncated
-        return change_under_option(
-            batch.obs, batch.next_obs, batch.record, ended, self.learned_steps
-        )
 
     def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return the loss of a minibatch: both surrogates and the critic's squared error."""
@@ -227,13 +169,8 @@ class MOPG(HitPolicy, ScaledAgent):
         loss += self.prior_weight * of_prior
         metrics = of_options | of_actions | of_values | {"prior_kl": of_prior}
         if self.option_rewards:
-            own_q = self.own_q(params, obs, option)
-            own_loss, _ = self.value_loss(params, own_q, data, "own_target", "own_critic")
-            loss += own_loss
-        if LEARNED in self.option_rewards:
-            told = at_option(self.log_posterior(params, data["change"]), option).mean()
-            loss -= told
-            metrics |= {"learned_information": told + jnp.log(self.num_options)}
+            own_loss, of_rewards = self.own_loss(params, data)
+            loss, metrics = loss + own_loss, metrics | of_rewards
         return loss, metrics
 
     def information(self, params: Any, batch: Batch, log_option: jax.Array) -> jax.Array:
