@@ -1,3 +1,4 @@
+import gc
 import os
 
 import hypothesis
@@ -9,11 +10,16 @@ import pytest
 jax.config.update("jax_num_cpu_devices", 2)
 os.environ.setdefault("NPROC", "8")
 # A test runs its programs once or twice: compiling them is what takes time. Without these, LLVM's
-# optimisation and MLIR's fusions triple it. XLA ends the process at a flag it does not know, and
-# since jaxlib 0.11 it does not know the second.
-FAST_TO_COMPILE = ["--xla_backend_optimization_level=0"]
+# optimisation and MLIR's fusions triple it; what shortens loops and what splits a program among
+# threads add a tenth. XLA ends the process at a flag it does not know, and since jaxlib 0.11 it
+# does not know the last one.
+FAST_TO_COMPILE = [
+    "--xla_backend_optimization_level=0",
+    "--xla_disable_hlo_passes=simplify-while-loops,while-loop-invariant-code-motion",
+]
 if jax.__version_info__ < (0, 11):
-    FAST_TO_COMPILE.append("--xla_cpu_use_fusion_emitters=false")
+    FAST_TO_COMPILE += ["--xla_cpu_parallel_codegen_split_count=1"]
+    FAST_TO_COMPILE += ["--xla_cpu_use_fusion_emitters=false"]
 os.environ["XLA_FLAGS"] = " ".join([*FAST_TO_COMPILE, os.environ.get("XLA_FLAGS", "")])
 
 # No test depends on how fast the machine is (tests/test_pace.py).
@@ -21,6 +27,16 @@ hypothesis.settings.register_profile(
     "any machine", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )
 hypothesis.settings.load_profile("any machine")
+
+
+# Tracing makes objects by the million, and few of them in cycles: look for these more seldom, and
+# not among what was imported.
+gc.set_threshold(100_000, 10, 10)
+
+
+def pytest_collection_finish():
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
