@@ -4,7 +4,7 @@ import argparse
 import functools
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -12,14 +12,17 @@ import numpy as np
 from hitmdp_jax.cli.command_line import command_line
 from hitmdp_jax.cli.policies import evaluation_key
 from hitmdp_jax.cli.settings import writable
-from hitmdp_jax.envs import engine_for, make_env
+from hitmdp_jax.envs import engine_for
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
-from hitmdp_jax.interpret.evaluation import check_episodes
+from hitmdp_jax.interpret.evaluation import check_episodes, task_env
 from hitmdp_jax.runs import folder
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.host import set_up_host
 from hitmdp_jax.runs.policy import Policy, load_all, places
+
+if TYPE_CHECKING:
+    from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 
 EPISODES = 8
 FILMED, PIXELS = 600, (480, 360)  # steps and size of the video: of a page, not of a film
@@ -82,43 +85,55 @@ def report(
     from hitmdp_jax.report.run_report import RunReport
 
     training = _median(run_dir, config) if seed is None else places(config.trainings, seed)[0]
-    key = evaluation_key(config.trainings[training])
+    shown = _Shown(run_dir, config, training, episodes)
+    return RunReport(
+        run_dir, config, command_line(config), training, lambda: shown.analysis, shown.video
+    ).html()
 
-    @functools.cache
-    def policy_and_env() -> tuple[Policy, Any]:
-        iteration, everyone = load_all(run_dir)
-        task = config.task_at(iteration)
+
+class _Shown:
+    """The policy of one training as its page shows it: loaded and played when that is asked for."""
+
+    def __init__(self, run_dir: Path, config: RunConfig, training: int, episodes: int):
+        self.run_dir, self.config = run_dir, config
+        self.training, self.episodes = training, episodes
+        self.key = evaluation_key(config.trainings[training])
+
+    @functools.cached_property
+    def policy_and_env(self) -> tuple[Policy, Any]:
+        iteration, everyone = load_all(self.run_dir)
+        task = self.config.task_at(iteration)
         engine = engine_for(task["name"], ENGINE)
-        return everyone.of(training), make_env(**task, physics=engine)
+        return everyone.of(self.training), task_env(task, engine)
 
-    @functools.cache
-    def analyse():
+    @functools.cached_property
+    def analysis(self) -> "OptionAnalysis":
+        """Its options in recorded episodes; raises UsageError where it has none."""
         from hitmdp_jax.interpret.option_analysis import OptionAnalysis
         from hitmdp_jax.interpret.option_use import number_of_options
 
-        number_of_options(config.make_agent())  # before anything is compiled
-        policy, env = policy_and_env()
-        return OptionAnalysis(policy, env, key, episodes)
+        number_of_options(self.config.make_agent())  # before anything is compiled
+        policy, env = self.policy_and_env
+        return OptionAnalysis(policy, env, self.key, self.episodes)
 
-    def recorded() -> Trajectories:
+    def recorded(self) -> Trajectories:
         """Return the episodes that the page speaks of; one of a policy without options."""
         try:
-            return analyse().trajectories
+            return self.analysis.trajectories
         except UsageError:
-            policy, env = policy_and_env()
-            return jax.device_get(run_episodes(policy, env, key, 1, physics=True))
+            policy, env = self.policy_and_env
+            return jax.device_get(run_episodes(policy, env, self.key, 1, physics=True))
 
-    def video(path: Path) -> None:
+    def video(self, path: Path) -> None:
+        """Film the beginning of the first episode."""
         from hitmdp_jax.cli.video import check_filming
         from hitmdp_jax.video.film import write_video
 
-        _, env = policy_and_env()
-        check_filming(env, config.tasks[-1]["name"])
-        shown = recorded()
+        _, env = self.policy_and_env
+        check_filming(env, self.config.tasks[-1]["name"])
+        shown = self.recorded()
         beginning = shown.alive & (np.arange(len(shown.alive)) < FILMED)[:, None]
         write_video(path, env, shown.replace(alive=beginning), episodes=[0], size=PIXELS)
-
-    return RunReport(run_dir, config, command_line(config), training, analyse, video).html()
 
 
 def _median(run_dir: Path, config: RunConfig) -> int:

@@ -81,7 +81,35 @@ def _run(run: Run, run_dir: Path, resume: bool, report: bool, own: Sequence["Hoo
     """Train, draw what was learned, report it and say how it ended."""
     from hitmdp_jax.runs import loop
 
-    config = run.config
+    try:
+        outcome = loop.run(run, run_dir, resume=resume, hooks=_hooks(run.config, run_dir, own))
+    except InterruptedRunError as stop:
+        print(f"Stopped before the first iteration; nothing to save in {run_dir}.", flush=True)
+        os._exit(128 + stop.signum)  # the compiler's thread cannot be stopped otherwise
+    code = 128 + outcome.signum if outcome.signum else DIVERGED if outcome.diverged else 0
+    if not processes.is_first():
+        return code
+    if outcome.failure:
+        raise UsageError(f"The last state is not saved: {outcome.failure}")
+    where = f"Stopped at {outcome.env_steps:,} env steps, "
+    where += f"as {outcome.stopped}, saved" if outcome.stopped else "saved"
+    print(f"{where if outcome.signum or outcome.stopped else 'Saved'} in {run_dir}.")
+    _draw(run.config, run_dir)
+    for training, (iteration, cause) in outcome.diverged.items():
+        print(
+            f"{training.name} diverged at iteration {iteration}, when its {cause} ceased to be "
+            "finite; it keeps what it had learned before.",
+            file=sys.stderr,
+        )
+    if outcome.signum:
+        print(f"resume={run_dir} goes on exactly from there.")
+    elif report:
+        _report(run.config, run_dir)
+    return code
+
+
+def _hooks(config: RunConfig, run_dir: Path, own: Sequence["Hook"]) -> list["Hook"]:
+    """Return what a run does every so often: what its settings say, and what is one's own."""
     hooks: list[Hook] = [OptionFigures(config, run_dir), *own]
     if config.video_every:
         from hitmdp_jax.cli.video import Videos
@@ -91,18 +119,11 @@ def _run(run: Run, run_dir: Path, resume: bool, report: bool, own: Sequence["Hoo
         from hitmdp_jax.cli.evaluate import Evaluation
 
         hooks.append(Evaluation(config, run_dir))
-    try:
-        outcome = loop.run(run, run_dir, resume=resume, hooks=hooks)
-    except InterruptedRunError as stop:
-        print(f"Stopped before the first iteration; nothing to save in {run_dir}.", flush=True)
-        os._exit(128 + stop.signum)  # the compiler's thread cannot be stopped otherwise
-    if not processes.is_first():
-        return 128 + outcome.signum if outcome.signum else DIVERGED if outcome.diverged else 0
-    if outcome.failure:
-        raise UsageError(f"The last state is not saved: {outcome.failure}")
-    where = f"Stopped at {outcome.env_steps:,} env steps, "
-    where += f"as {outcome.stopped}, saved" if outcome.stopped else "saved"
-    print(f"{where if outcome.signum or outcome.stopped else 'Saved'} in {run_dir}.")
+    return hooks
+
+
+def _draw(config: RunConfig, run_dir: Path) -> None:
+    """Say how much reward a run came to, and draw its figures; of a sweep, its table."""
     # Matplotlib and SciPy take seconds to import, in which the training could run already.
     from hitmdp_jax.experiments import tables
     from hitmdp_jax.experiments.sweeps import draw_sweep
@@ -120,23 +141,16 @@ def _run(run: Run, run_dir: Path, resume: bool, report: bool, own: Sequence["Hoo
     except (OSError, UsageError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         warn(f"the figures could not be drawn: {reason}")
-    for training, (iteration, cause) in outcome.diverged.items():
-        print(
-            f"{training.name} diverged at iteration {iteration}, when its {cause} ceased to be "
-            "finite; it keeps what it had learned before.",
-            file=sys.stderr,
-        )
-    if outcome.signum:
-        print(f"resume={run_dir} goes on exactly from there.")
-        return 128 + outcome.signum
-    if report:
-        from hitmdp_jax.cli.report import write
 
-        try:
-            write(run_dir, config)
-        except (UsageError, OSError) as error:
-            warn(f"the report could not be written: {error}")
-    return DIVERGED if outcome.diverged else 0
+
+def _report(config: RunConfig, run_dir: Path) -> None:
+    """Write the page about a run, or warn why there is none."""
+    from hitmdp_jax.cli.report import write
+
+    try:
+        write(run_dir, config)
+    except (UsageError, OSError) as error:
+        warn(f"the report could not be written: {error}")
 
 
 def _resumed(run_dir: Path, names: list[str], values: dict[str, Any]) -> RunConfig:

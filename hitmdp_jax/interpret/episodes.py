@@ -99,27 +99,45 @@ def run_episodes(
       UsageError: `physics` is asked for where a task has no MuJoCo state and does not draw itself.
     """
     key_reset, key_memory, key_steps = jax.random.split(key, 3)
-
-    def step(carry: Any, now: tuple[jax.Array, jax.Array | None]):
-        (state, memory, alive), (key, option) = carry, now
-        if option is None:
-            decision, memory = _decide(policy, state.obs, memory, key, deterministic)
-        else:
-            decision = _follow(policy, state.obs, option, key, deterministic)
-        new_state = as_before(jax.vmap(env.step)(state, decision["action"]), state)
-        pictured = _pictured(env, state) if physics else {}
-        seen = decision | pictured | _outcome(policy, state, new_state, alive)
-        return (new_state, memory, alive & ~new_state.done.astype(bool)), seen
-
     start = (
         jax.vmap(env.reset)(jax.random.split(key_reset, num_episodes)),
         in_32_bits(policy.initial_memory(key_memory, (num_episodes,))),
         jnp.ones(num_episodes, bool),
     )
     keys = jax.random.split(key_steps, _most_actions(env))
+    step = functools.partial(_step, policy, env, deterministic, physics)
     (_, _, alive), steps = jax.lax.scan(step, start, (keys, options))
     success = jax.tree.map(lambda x: x.max(axis=0), steps.pop("success"))
     return in_32_bits(Trajectories(**steps, terminated=~alive, success=success))
+
+
+def _step(
+    policy: Policy,
+    env: Env,
+    deterministic: bool,
+    physics: bool,
+    before: tuple[Any, Any, jax.Array],
+    now: tuple[jax.Array, jax.Array | None],
+) -> tuple[tuple[Any, Any, jax.Array], dict[str, Any]]:
+    """Take one step of all episodes; return what it leaves behind, and what is recorded of it.
+
+    Args:
+      policy: what acts.
+      env: the task.
+      deterministic: as of `run_episodes`, like `physics`.
+      physics: record what pictures need too.
+      before: state [N, ...], the policy's memory [N, ...], and whether the episode goes on [N].
+      now: key of the step; options [N] to follow, None for the policy's own.
+    """
+    (state, memory, alive), (key, option) = before, now
+    if option is None:
+        decision, memory = _decide(policy, state.obs, memory, key, deterministic)
+    else:
+        decision = _follow(policy, state.obs, option, key, deterministic)
+    new_state = as_before(jax.vmap(env.step)(state, decision["action"]), state)
+    pictured = _pictured(env, state) if physics else {}
+    seen = decision | pictured | _outcome(policy, state, new_state, alive)
+    return (new_state, memory, alive & ~new_state.done.astype(bool)), seen
 
 
 def _most_actions(env: Env) -> int:

@@ -1,8 +1,8 @@
 """One run from settings to files: the host's side of training."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import jax
@@ -76,13 +76,8 @@ def run(run: Run, run_dir: Path, *, resume: bool = False, hooks: Sequence[Hook] 
         for task in range(progress.task, len(run.envs)):
             with terminal.compiling():
                 step = stop.wait_for(lambda: prepare(run, task, progress))  # noqa: B023
-            try:
+            with _saved_whatever_happens(save):
                 iterate(run.schedule, progress, step, agreement, reporter, save)
-            except BaseException:  # an error in a report must not cost what was learned
-                if not processes.several():  # of which one alone has a part
-                    save()
-                raise
-            save()
             if agreement.signum or reporter.stopped:
                 break
         if checkpoints:
@@ -90,6 +85,18 @@ def run(run: Run, run_dir: Path, *, resume: bool = False, hooks: Sequence[Hook] 
         failure = checkpoints.failure if checkpoints else None
         ended = outcome(run, progress, agreement.signum, failure)
         return dataclasses.replace(ended, stopped=None if ended.finished else reporter.stopped)
+
+
+@contextmanager
+def _saved_whatever_happens(save: Callable[[], None]) -> Iterator[None]:
+    """Save at the end; an error in a report must not cost what was learned."""
+    try:
+        yield
+    except BaseException:
+        if not processes.several():  # of which one alone has a part
+            save()
+        raise
+    save()
 
 
 def begin(run: Run, run_dir: Path, iteration: int) -> tuple[TerminalSink, Sinks]:
