@@ -15,15 +15,12 @@ CHECKOUT = Path(__file__).parents[1]
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """A folder into which the wheel is installed."""
+    """A folder into which a wheel is installed, as pip builds it of the checkout."""
     folder = tmp_path_factory.mktemp("wheel")
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
-    build = ["wheel", str(CHECKOUT), "--no-deps", "--no-build-isolation", "-w", str(folder)]
-    subprocess.run([*pip, *build], check=True, cwd=folder)
-    (wheel,) = folder.glob("*.whl")
-    target = folder / "site"
-    subprocess.run([*pip, "install", "--no-deps", "--target", str(target), str(wheel)], check=True)
-    return target
+    install = ["install", "--no-deps", "--no-build-isolation", "--target", str(folder / "site")]
+    subprocess.run([*pip, *install, str(CHECKOUT)], check=True, cwd=folder)
+    return folder / "site"
 
 
 # What a stranger types, one after another in one process: each start would import everything anew.

@@ -16,13 +16,12 @@ from hitmdp_jax.cli.policies import (
     output,
 )
 from hitmdp_jax.cli.settings import writable
-from hitmdp_jax.envs import make_env
 from hitmdp_jax.errors import UsageError, out_of_domain, warn
 from hitmdp_jax.experiments import tables
 from hitmdp_jax.figures import registry, theorems
 from hitmdp_jax.figures.curves import save
 from hitmdp_jax.figures.registry import Entry, Needs, RunMetrics
-from hitmdp_jax.interpret.evaluation import check_episodes
+from hitmdp_jax.interpret.evaluation import check_episodes, task_env
 from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, table
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.interpret.option_use import number_of_options
@@ -103,7 +102,7 @@ def analysis_of(arguments: argparse.Namespace) -> OptionAnalysis:
     solver = solver_of(config, config.physics)
     set_up_host(solver, episodes * (number + WITHOUT_EACH_OPTION))
     choice = load_chosen(arguments, config)
-    env = make_env(**choice.task, physics=config.physics)
+    env = task_env(choice.task, config.physics)
     return OptionAnalysis(choice.policy, env, evaluation_key(choice.training), episodes)
 
 

@@ -17,6 +17,7 @@ from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.interpret.episodes import run_episodes, run_in_gymnasium
 from hitmdp_jax.physics import ENGINES as PHYSICS
+from hitmdp_jax.physics import PhysicsChoice
 from hitmdp_jax.runs.config import Task
 from hitmdp_jax.runs.policy import Policy
 
@@ -99,7 +100,7 @@ def score_each(
     return [Scores(*of_one) for of_one in zip(returns, lengths, known, strict=True)]
 
 
-def task_env(task: Task, engine: str) -> Env:
+def task_env(task: Task, engine: PhysicsChoice) -> Env:
     """Return a task in an engine of JAX; the same object for the same task."""
     return _env(json.dumps(task, sort_keys=True), engine)
 
@@ -133,6 +134,6 @@ def _totals(
 
 
 @functools.lru_cache(maxsize=1)
-def _env(task: str, engine: str) -> Env:
+def _env(task: str, engine: PhysicsChoice) -> Env:
     """Make a run's task once: programs are compiled anew for every new environment."""
     return make_env(**json.loads(task), physics=engine)

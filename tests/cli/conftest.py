@@ -1,6 +1,7 @@
 import contextlib
 import csv
 import dataclasses
+import functools
 import io
 import os
 import subprocess
@@ -15,6 +16,8 @@ import pytest
 
 import hitmdp_jax.__main__
 from hitmdp_jax.cli import arms, evaluate, export, figure, report, training, video
+from hitmdp_jax.interpret import evaluation
+from hitmdp_jax.runs import loop
 from hitmdp_jax.runs.config import BESIDE_THE_POINT
 from hitmdp_jax.runs.run import Run
 from tests import probes
@@ -49,16 +52,24 @@ def command(variables, tmp_path_factory):
     """Run `hitmdp <name> ...` to its end in an empty folder, or `cwd`.
 
     In this process: another one would take seconds to import what is imported here. Runs that
-    differ in nothing that is compiled share a program.
+    differ in nothing that is compiled share a program, and so do policies that play one task.
     """
     folder = tmp_path_factory.mktemp("cwd")
-    programs, known = Run.programs, {}
+    env = functools.cache(evaluation._env.__wrapped__)
+    programs, compiled, known = Run.programs, loop.compiled, {}
 
     def shared(run, task):
         beside = {"seed", "total_steps", "init_from", "init_parts", *BESIDE_THE_POINT}
-        beside = dict.fromkeys(beside - {"data_devices"}, 1)
-        compiled = str(dataclasses.replace(run.config, **beside)), task
-        return known.get(compiled) or known.setdefault(compiled, programs(run, task))
+        alike = dict.fromkeys(beside - {"data_devices"}, 1)
+        given = run.agent.traced_values()  # inputs of the program
+        alike["algo"] = {name: x for name, x in run.config.algo.items() if name not in given}
+        like = str(dataclasses.replace(run.config, **alike)), task
+        return known.get(like) or known.setdefault(like, programs(run, task))
+
+    def compiled_once(step, state):
+        leaves, structure = jax.tree.flatten(state)
+        like = step, structure, *((x.shape, x.dtype, x.sharding) for x in leaves)
+        return known.get(like) or known.setdefault(like, compiled(step, state))
 
     def run(name, *arguments, cwd=folder):
         out, err = io.StringIO(), io.StringIO()
@@ -75,6 +86,8 @@ def command(variables, tmp_path_factory):
             for name_and_value in variables.items():
                 patch.setenv(*name_and_value)
             patch.setattr(Run, "programs", shared)
+            patch.setattr(loop, "compiled", compiled_once)
+            patch.setattr(evaluation, "_env", env)
             patch.chdir(cwd)
             code = exit_code_of(hitmdp_jax.__main__.main)
         return subprocess.CompletedProcess(name, code, out.getvalue(), err.getvalue())

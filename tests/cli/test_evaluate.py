@@ -104,7 +104,7 @@ def test_latest_is_the_newest_run(command, finished, tmp_path):
         shutil.copytree(finished[0], tmp_path / "runs" / name)
         for file in ("config.yaml", "metrics.csv"):
             os.utime(tmp_path / "runs" / name / file, (time, time))
-    result = command("evaluate", "latest", "--episodes", "1", "--json", cwd=tmp_path)
+    result = command("evaluate", "latest", "--episodes", "2", "--json", cwd=tmp_path)
     assert (result.returncode, result.stderr) == (0, "latest is runs/a\n")
     assert len(json.loads(result.stdout)) == 2
     assert len(rows_of(tmp_path / "runs/a", "evaluations.csv")) == 6

@@ -1,7 +1,8 @@
 import dataclasses
 import errno
-import multiprocessing
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from hitmdp_jax.runs.claim import (
     newest,
 )
 from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.folder import LOCK
 from tests.probes import untrained
 
 CONFIG = RunConfig(algo={"name": "ppo"}, env={"name": "halfcheetah"}, total_steps=4096)
@@ -83,23 +85,29 @@ def test_an_own_class_gives_a_short_name():
     assert folder.parts[:3] == ("runs", "my_task.MyTask", "ppo")
 
 
-def _hold(folder, locked_by_child, done):
-    with locked(folder):
-        locked_by_child.set()
-        done.wait()
+# Takes a lock where nobody has it, and keeps it until it is killed. It imports nothing of ours,
+# which would take seconds.
+HOLD = """
+import fcntl, sys
+file = open(sys.argv[1], "ab")
+fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+print("holds it", flush=True)
+sys.stdin.read()
+"""
 
 
 def test_two_processes_do_not_write_into_one_folder(tmp_path):
-    context = multiprocessing.get_context("spawn")
-    holds, done = context.Event(), context.Event()
-    child = context.Process(target=_hold, args=(tmp_path, holds, done))
-    child.start()
-    while not holds.wait(0.1):
-        assert child.is_alive()
-    with pytest.raises(UsageError, match="being written by another process"), locked(tmp_path):
-        pass
-    child.kill()  # whoever is killed lets go
-    child.join()
+    other = [sys.executable, "-c", HOLD, str(tmp_path / LOCK)]
+    with locked(tmp_path):
+        refused = subprocess.run(other, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+        assert "BlockingIOError" in refused.stderr
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(other, **pipes, text=True) as child:
+        assert child.stdout.readline() == "holds it\n"
+        busy = "being written by another process"
+        with pytest.raises(UsageError, match=busy), locked(tmp_path):
+            pass
+        child.kill()  # whoever is killed lets go
     with locked(tmp_path):
         pass
 
