@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 from hitmdp_jax import plugins
 from hitmdp_jax.cli.policies import (
@@ -20,20 +21,24 @@ from hitmdp_jax.cli.policies import (
     output,
 )
 from hitmdp_jax.envs import engine_for
+from hitmdp_jax.envs.action_repeat import action_repeat_of
 from hitmdp_jax.envs.drawing import can_be_drawn, model_of
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.figures.curves import pixels, save
-from hitmdp_jax.interpret.episodes import run_episodes
+from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
 from hitmdp_jax.interpret.evaluation import check_episodes, check_fit, task_env
+from hitmdp_jax.interpret.option_use import number_of_options
 from hitmdp_jax.physics import find_engine
 from hitmdp_jax.runs.checkpoint import Checkpoints, Progress
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import CONFIG, VIDEOS, subfolder, write
 from hitmdp_jax.runs.host import set_up_host
 from hitmdp_jax.runs.interrupt import StopRequest
+from hitmdp_jax.runs.policy import Policy
 from hitmdp_jax.runs.sinks import Values
 from hitmdp_jax.runs.sinks.tensorboard import write_pictures
-from hitmdp_jax.video.film import animated, require_ffmpeg, write_video
+from hitmdp_jax.video.film import animated, require_ffmpeg, write_side_by_side, write_video
 from hitmdp_jax.video.filmstrip import filmstrip
 from hitmdp_jax.video.rendering import check_drawing
 
@@ -51,12 +56,18 @@ def run(arguments: argparse.Namespace) -> None:
     choice = load_chosen(arguments, config)
     env: Any = task_env(choice.task, engine)
     check_filming(env, choice.task["name"])  # before a folder is made
-    path = output(arguments, VIDEOS, f"{choice.name}.mp4")
-    path = path if path.suffix == ".mp4" else path / f"{choice.name}.mp4"
+    if arguments.options:
+        number_of_options(choice.policy.agent)  # which says where there are none
+    name = f"{choice.name}_options.mp4" if arguments.options else f"{choice.name}.mp4"
+    path = output(arguments, VIDEOS, name)
+    path = path if path.suffix == ".mp4" else path / name
     strip = path.with_suffix(".png")
-    check_output(path, strip)
+    check_output(path, *([] if arguments.options else [strip]))
     check_fit(choice.policy, env)
     key = evaluation_key(choice.training)
+    if arguments.options:
+        film_options(path, choice.policy, env, key, arguments.deterministic)
+        return
     how = {"deterministic": arguments.deterministic, "physics": True}
     recorded = jax.device_get(run_episodes(choice.policy, env, key, arguments.episodes, **how))
     for total, steps in zip(recorded.returns, recorded.lengths, strict=True):
@@ -69,6 +80,28 @@ def run(arguments: argparse.Namespace) -> None:
         shown = {"filmstrip": pixels(picture), "video": animated(path)}
         write_pictures(path.parent, shown, choice.env_steps)
     print(f"Saved {path}, and {strip.name} beside it.")
+
+
+def film_options(path: Path, policy: Policy, env: Any, key: jax.Array, deterministic: bool) -> None:
+    """Film what each option does by itself, side by side from one initial state.
+
+    Raises:
+      UsageError: the policy has no options.
+    """
+    number = number_of_options(policy.agent)
+    steps = -(-spec_of(env).episode_length // action_repeat_of(env))
+    plans = jnp.broadcast_to(jnp.arange(number)[:, None, None], (number, steps, 1))
+
+    def run(plan: jax.Array) -> Trajectories:
+        how = {"options": plan, "deterministic": deterministic, "physics": True}
+        return run_episodes(policy, env, key, 1, **how)
+
+    recorded = jax.device_get(jax.vmap(run)(plans))
+    films = [jax.tree.map(lambda x, k=k: x[k], recorded) for k in range(number)]
+    for k, film in enumerate(films):
+        print(f"Option {k} alone: {film.lengths[0]:,} steps, return {film.returns[0]:,.1f}.")
+    write_side_by_side(path, env, films)
+    print(f"Saved {path}.")
 
 
 def check_filming(env: Any, name: str) -> None:
