@@ -46,7 +46,8 @@ FIGURE = Entry(
     "Each mark is a pair of episodes from one initial state: the return with other choices of "
     "options, minus the return with the policy's own. The point is their mean, with its 95% "
     "interval. The grey band is 5% of the return. Own, shuffled: the same options for as long, in "
-    "a random order. Uniform choices: an option drawn at random at every step. First choice: the "
+    "a random order. Uniform choices: an option drawn at random at every step. Uniform, held: one "
+    "drawn at random and kept as long as one of the policy's own. First choice: the "
     "episode's first option, kept to the end. Option k: that option alone. All of these are of the "
     "policy that was saved; the return above is of the episodes that it learned from, so the two "
     "differ a little.",
