@@ -37,7 +37,7 @@ from hitmdp_jax.runs.host import set_up_host, solver_of
 from hitmdp_jax.runs.interrupt import StopRequest
 from hitmdp_jax.runs.policy import places
 from hitmdp_jax.runs.sinks.csv import kept_aside
-from hitmdp_jax.training.sweep import PREFIX, Training
+from hitmdp_jax.training.sweep import PREFIX, Training, numbers_of
 
 OWN = "own"  # in the column `engine`: a task that brings its own physics
 COLUMNS: tuple[str, ...] = (
@@ -73,13 +73,15 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.env is not None:  # Gymnasium would not say
         check_fit(everyone.of(0), task_env(task, stepped))
     deterministic = arguments.deterministic
-    scores = score_each(policies, task, engine, arguments.episodes, keys, deterministic)
+    numbers = {} if arguments.env is not None else numbers_of(trainings)  # of another task: its own
+    scores = score_each(policies, task, engine, arguments.episodes, keys, deterministic, numbers)
     simulator = simulated_by(task, engine)
     rows = rows_of(scores, iteration, task, trainings, simulator, deterministic)
     choices = []
     if arguments.choices:
-        env = task_env(task, engine)
         for i, key in enumerate(keys):
+            own = {name: float(x[i]) for name, x in numbers.items()}
+            env = task_env(task | own, engine)
             analysis = OptionAnalysis(policies.of(i), env, key, arguments.episodes)
             choices.append(summary(analysis.interventions))
     if arguments.json:
@@ -205,8 +207,9 @@ class Evaluation:
             jax.random.fold_in(evaluation_key(training), progress.iteration)
             for training in config.trainings
         ]
-        task = config.task_at(progress.iteration)
-        scores = score_each(everyone, task, config.physics, config.eval_episodes, keys, True)
+        task, numbers = config.task_at(progress.iteration), numbers_of(config.trainings)
+        episodes = config.eval_episodes
+        scores = score_each(everyone, task, config.physics, episodes, keys, True, numbers)
         engine = simulated_by(task, config.physics)
         rows = rows_of(scores, progress.iteration, task, config.trainings, engine, True)
         _note(self._run_dir, rows)

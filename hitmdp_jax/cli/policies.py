@@ -34,7 +34,7 @@ class Chosen(NamedTuple):
     @property
     def task(self) -> Task:
         """The task that the policy learned last; Raises as `RunConfig.task_at`."""
-        return self.config.task_at(self.iteration)
+        return self.config.task_at(self.iteration, self.training)
 
 
 def load_config(arguments: argparse.Namespace, with_task: bool = True) -> RunConfig:

@@ -102,7 +102,7 @@ class _Shown:
     @functools.cached_property
     def policy_and_env(self) -> tuple[Policy, Any]:
         iteration, everyone = load_all(self.run_dir)
-        task = self.config.task_at(iteration)
+        task = self.config.task_at(iteration, self.config.trainings[self.training])
         engine = engine_for(task["name"], ENGINE)
         return everyone.of(self.training), task_env(task, engine)
 

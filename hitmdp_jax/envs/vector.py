@@ -1,11 +1,15 @@
 """`VectorEnv`: many environments with a time limit, true random resets and final observations."""
 
+import copy
+from collections.abc import Mapping
+
 import jax
 import jax.numpy as jnp
 from brax.envs.base import Env, State
 from flax import struct
 
 from hitmdp_jax.envs.action_repeat import steps_taken
+from hitmdp_jax.envs.numbers import with_numbers
 from hitmdp_jax.envs.option_rewards import check_option_rewards, option_rewards
 from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.mesh import each_device, on_every_device
@@ -79,6 +83,14 @@ class VectorEnv:
         self.stagger = stagger
         check_option_rewards(env, option_rewards)
         self.option_rewards = option_rewards
+
+    def with_numbers(self, numbers: Mapping[str, jax.Array]) -> "VectorEnv":
+        """Return the same with other numbers of the task; Raises as `numbers.with_numbers`."""
+        if not numbers:
+            return self
+        changed = copy.copy(self)
+        changed.env = with_numbers(self.env, numbers)
+        return changed
 
     def reset(self, key: jax.Array) -> VectorState:
         """Start every environment."""

@@ -13,6 +13,7 @@ from flax import struct
 from hitmdp_jax.envs import check_env
 from hitmdp_jax.envs.action_repeat import action_repeat_of, steps_taken
 from hitmdp_jax.envs.drawing import draws_itself, model_of
+from hitmdp_jax.envs.numbers import with_numbers
 from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.precision import as_before, in_32_bits
@@ -78,6 +79,7 @@ def run_episodes(
     options: jax.Array | None = None,
     deterministic: bool = False,
     physics: bool = False,
+    numbers: Mapping[str, jax.Array] | None = None,
 ) -> Trajectories:
     """Run a policy in N environments, each until its first episode ends.
 
@@ -94,10 +96,12 @@ def run_episodes(
       deterministic: take the likeliest option and action instead of sampling.
       physics: record what pictures need too: the generalised coordinates and controls, or the
         whole states of a task that draws itself.
+      numbers: other numbers [] of the task's, by keyword (`envs.numbers`).
 
     Raises:
       UsageError: `physics` is asked for where a task has no MuJoCo state and does not draw itself.
     """
+    env = with_numbers(env, numbers) if numbers else env
     key_reset, key_memory, key_steps = jax.random.split(key, 3)
     start = (
         jax.vmap(env.reset)(jax.random.split(key_reset, num_episodes)),

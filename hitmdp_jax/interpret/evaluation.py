@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -66,6 +66,7 @@ def score_each(
     episodes: int,
     keys: Sequence[jax.Array],
     deterministic: bool = False,
+    numbers: Mapping[str, np.ndarray] | None = None,
 ) -> list[Scores]:
     """Run the policies of several trainings for some episodes of their own task, side by side.
 
@@ -76,6 +77,7 @@ def score_each(
       episodes: how many, of each policy.
       keys: R PRNG keys of the initial states and the actions.
       deterministic: take the likeliest option and action instead of sampling.
+      numbers: what of the task is each policy's own, [R] by keyword (`envs.numbers`).
 
     Returns:
       R scores, in order.
@@ -85,16 +87,18 @@ def score_each(
         not fit the task.
     """
     check_request(engine, episodes)
+    numbers = numbers or {}
     if engine == "gymnasium":
+        own = [task | {name: float(x[i]) for name, x in numbers.items()} for i in range(len(keys))]
         recorded = [
-            run_in_gymnasium(policies.of(i), task, key, episodes, deterministic=deterministic)
+            run_in_gymnasium(policies.of(i), own[i], key, episodes, deterministic=deterministic)
             for i, key in enumerate(keys)
         ]
         return [Scores(np.asarray(x.returns), np.asarray(x.lengths)) for x in recorded]
     env = task_env(task, engine)
     check_fit(policies.of(0), env)
     returns, lengths, success = jax.device_get(
-        _totals(policies, env, jnp.stack(keys), episodes, deterministic)
+        _totals(policies, numbers, env, jnp.stack(keys), episodes, deterministic)
     )
     known = [None] * len(keys) if success is None else success
     return [Scores(*of_one) for of_one in zip(returns, lengths, known, strict=True)]
@@ -123,11 +127,18 @@ def check_fit(policy: Policy, env: Env) -> None:
 # Compiled apart from `run_episodes`: the compiler then leaves out what is recorded step by step.
 @functools.partial(jax.jit, static_argnames=("env", "episodes", "deterministic"))
 def _totals(
-    policies: Policy, env: Env, keys: jax.Array, episodes: int, deterministic: bool
+    policies: Policy,
+    numbers: Mapping[str, jax.Array],
+    env: Env,
+    keys: jax.Array,
+    episodes: int,
+    deterministic: bool,
 ) -> tuple[jax.Array, jax.Array, jax.Array | None]:
     def of_one(number: jax.Array, key: jax.Array):
         policy = policies.of(number)
-        recorded = run_episodes(policy, env, key, episodes, deterministic=deterministic)
+        own = {name: x[number] for name, x in numbers.items()}
+        how = {"deterministic": deterministic, "numbers": own}
+        recorded = run_episodes(policy, env, key, episodes, **how)
         return recorded.returns, recorded.lengths, recorded.success
 
     return jax.vmap(of_one)(jnp.arange(len(keys)), keys)

@@ -50,7 +50,7 @@ def learned(config: RunConfig, progress: Progress) -> Policy:
     assert state is not None
     here = jax.local_devices()[0]
     params, normalizer = jax.device_put((state.learner.params, state.normalizer), here)
-    return Policy(config.make_agent().replace(**config.swept).bind(state.spec), params, normalizer)
+    return Policy(config.agents.bind(state.spec), params, normalizer)
 
 
 def own_code(config: RunConfig) -> list[OwnCode]:

@@ -21,7 +21,7 @@ from hitmdp_jax.reading import read_yaml
 from hitmdp_jax.runs.folder import CONFIG, is_policy, require_run
 from hitmdp_jax.runs.schedule import Schedule
 from hitmdp_jax.training.sizes import check_sizes
-from hitmdp_jax.training.sweep import PREFIX, Training, check_sweep, settings_of
+from hitmdp_jax.training.sweep import PREFIX, Training, apart, check_sweep, settings_of
 from hitmdp_jax.training.warm_start import check_parts
 
 SCHEMA = 3  # of config.yaml; raised where an older package would misread it
@@ -117,15 +117,15 @@ class RunConfig:
         if config.seed + config.seeds > 2**32:
             raise out_of_domain("seed", config.seed, "a whole number below 2^32 - seeds")
         _check_division(config.num_envs, config.data_devices)
-        engine = find_engine(config.physics)
+        engine, made_by = find_engine(config.physics), []
         for task in config.tasks:
-            check_env(**task)
+            made_by.append(check_env(**task))
             check_engine(task["name"], engine)
             if task.get("action_repeat", 1) != config.action_repeat:
                 raise UsageError("The tasks of a transfer must have the same action_repeat.")
         agent = config.make_agent()
         check_sizes(agent, config.total_steps, config.num_envs, config.rollout_length)
-        check_sweep(config.sweep, config.samples, agent)
+        check_sweep(config.sweep, config.samples, agent, made_by)
         for setting in config.settings:
             config.make_agent(setting)
         return config
@@ -146,7 +146,7 @@ class RunConfig:
         Raises:
           UsageError: the algorithm or a hyperparameter is unknown or out of range.
         """
-        hyperparameters = self.algo | {k.removeprefix(PREFIX): x for k, x in (swept or {}).items()}
+        hyperparameters = self.algo | apart(swept or {})[0]
         name = str(hyperparameters.pop("name"))
         agent = find_agent(name)
         fields = {field.name: field for field in hyperparameters_of(agent)}
@@ -156,6 +156,11 @@ class RunConfig:
             hyperparameters[key] = _like(f"algo.{key}", value, fields[key].default)
         return agent(**hyperparameters)  # pyright: ignore[reportArgumentType]
 
+    @property
+    def agents(self) -> Agent:
+        """The agents of all trainings: what is swept of their hyperparameters is [R]."""
+        return self.make_agent().replace(**apart(self.swept)[0])
+
     @functools.cached_property
     def settings(self) -> list[dict[str, float]]:
         """The settings of what the run sweeps; a single empty one where it sweeps nothing."""
@@ -163,7 +168,7 @@ class RunConfig:
 
     @property
     def swept(self) -> dict[str, np.ndarray]:
-        """The swept hyperparameters' values [R], one for each training."""
+        """What is swept, [R] each: a hyperparameter by its name, a task's number as `env.name`."""
         return {
             name.removeprefix(PREFIX): np.array([t.swept[name] for t in self.trainings], np.float32)
             for name in self.sweep or {}
@@ -209,17 +214,23 @@ class RunConfig:
         """Control steps that each action is held for; all of them count as environment steps."""
         return (self.env or {}).get("action_repeat", 1)
 
-    def task_at(self, iteration: int) -> Task:
+    def task_at(self, iteration: int, training: Training | None = None) -> Task:
         """Return the task that the iteration of that number, from 1, is on.
 
         It is also the task that a checkpoint of that iteration is scored, filmed and exported on.
+
+        Args:
+          iteration: its number.
+          training: whose setting the task has, where the run sweeps numbers of it; None takes
+            those that the run's settings give.
 
         Raises:
           UsageError: the run names no task.
         """
         if not self.tasks:
             raise UsageError("The run was saved from Python and names no task.")
-        return self.tasks[self.schedule.task_at(iteration)]
+        task = self.tasks[self.schedule.task_at(iteration)]
+        return task if training is None else task | apart(training.swept)[1]
 
     def differences(self, other: "RunConfig") -> list[str]:
         """Return what would make the two runs' results differ: `name: here, there`, a line each."""

@@ -93,7 +93,7 @@ def load_all(
             iteration, saved, spec = checkpoints.restore_policy(checkpoint, task)
     # How many observations the mean is of, older packages did not note.
     seen = jnp.full(len(config.trainings), iteration * config.num_envs * config.rollout_length)
-    agents = config.make_agent().replace(**config.swept).bind(spec)
+    agents = config.agents.bind(spec)
     policy = acting(agents, {"count": seen} | saved)
     if not fits(policy, len(config.trainings)):
         raise UsageError(

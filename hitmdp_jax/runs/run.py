@@ -25,7 +25,7 @@ from hitmdp_jax.runs.schedule import Schedule
 from hitmdp_jax.runs.warm_start import Start, read_start
 from hitmdp_jax.training.program import Init, Iterate, make_train, repeat
 from hitmdp_jax.training.state import Hyperparameters, TrainState, transfer
-from hitmdp_jax.training.sweep import Training
+from hitmdp_jax.training.sweep import Training, apart
 from hitmdp_jax.training.warm_start import check_parts
 
 
@@ -156,7 +156,8 @@ class Run:
             return state
 
         def empty(hyperparameters: Hyperparameters) -> Any:
-            return in_32_bits(self.agent.replace(**hyperparameters).init_replay(state.spec))
+            agent = self.agent.replace(**apart(hyperparameters)[0])
+            return in_32_bits(agent.init_replay(state.spec))
 
         return state.replace(replay=jax.vmap(empty)(state.hyperparameters))
 

@@ -20,7 +20,7 @@ from hitmdp_jax.runs.folder import POLICY
 from hitmdp_jax.runs.policy import acting, fits, folder_of, load_all, places
 from hitmdp_jax.runs.policy_file import write_policy
 from hitmdp_jax.training.state import TrainState
-from hitmdp_jax.training.sweep import PREFIX
+from hitmdp_jax.training.sweep import apart
 
 
 def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: bool = False) -> None:
@@ -87,9 +87,11 @@ def extract(
     (place, *_) = places(config.trainings, config.seed if seed is None else seed, setting)
     iteration, everyone = load_all(run_dir, checkpoint, task)
     training = config.trainings[place]
-    swept = {name.removeprefix(PREFIX): x for name, x in training.swept.items()}
+    of_agent, of_task = apart(training.swept)
     alone = {"seeds": 1, "seed": training.seed, "sweep": None, "samples": None}
-    own = dataclasses.replace(config, algo=config.algo | swept, **alone)
+    if of_task:
+        alone["env"] = (config.env or {}) | of_task
+    own = dataclasses.replace(config, algo=config.algo | of_agent, **alone)
     learned = kept_of(everyone.params, everyone.normalizer)
     mine = jax.tree.map(lambda x: x[place : place + 1], learned)
     write_policy(Path(path), own.to_yaml(), iteration, mine, everyone.spec)

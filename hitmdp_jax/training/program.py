@@ -28,6 +28,7 @@ from hitmdp_jax.training.host_loop import Iterate, check_untraced, train_with
 from hitmdp_jax.training.policy import Policy
 from hitmdp_jax.training.sizes import check_sizes, num_iterations, pool_period, usual_pool_size
 from hitmdp_jax.training.state import Hyperparameters, TrainState
+from hitmdp_jax.training.sweep import apart
 from hitmdp_jax.training.warm_start import (
     Learned,
     begun,
@@ -73,7 +74,8 @@ def make_train(
     Returns:
       `init(key, hyperparameters={}) -> TrainState` and `step(TrainState) -> (TrainState, metrics)`,
       one iteration: collect a rollout, update the normaliser and the agent. Metrics are scalars and
-      [K] counts. Hyperparameters by name replace the agent's own and stay with the state.
+      [K] counts. Hyperparameters by name replace the agent's own, and those named `env.` and a
+      keyword the numbers that the task lists in `traced`; they stay with the state.
 
     Raises:
       UsageError: a size is not positive or does not divide, a hyperparameter is out of range, or
@@ -121,17 +123,17 @@ class Program:
     def init(self, key: jax.Array, hyperparameters: Hyperparameters | None = None) -> TrainState:
         """Return the state before the first iteration."""
         hyperparameters = hyperparameters or {}
-        agent = self.agent.replace(**hyperparameters)
+        agent, env = self.under(hyperparameters)
         key, key_agent, key_env, key_memory = jax.random.split(key, 4)
-        spec = self.env.spec
-        memory = in_32_bits(agent.initial_memory(key_memory, (self.env.num_envs,)))
+        spec = env.spec
+        memory = in_32_bits(agent.initial_memory(key_memory, (env.num_envs,)))
         zero = jnp.zeros((), jnp.int32)
         state = TrainState(
             hyperparameters=hyperparameters,
             learner=in_32_bits(agent.init(key_agent, spec)),
             replay=in_32_bits(agent.init_replay(spec)),
             normalizer=initial_statistics(spec.observation.size),
-            rollout=RolloutState(self.env.reset(key_env), memory),
+            rollout=RolloutState(env.reset(key_env), memory),
             episodes=EpisodeWindow.empty(),
             key=key,
             iteration=zero,
@@ -142,31 +144,36 @@ class Program:
         # Each field has memory of its own, so that a step may be given all of it (donated).
         return jax.tree.map(jnp.copy, self.begin(state))
 
-    def refilled(self, state: TrainState, key: jax.Array) -> RolloutState:
+    def under(self, hyperparameters: Hyperparameters) -> tuple[Agent, VectorEnv]:
+        """Return the agent and the environments of a training; Raises as `VectorEnv`'s."""
+        of_agent, numbers = apart(hyperparameters)
+        return self.agent.replace(**of_agent), self.env.with_numbers(numbers)
+
+    def refilled(self, env: VectorEnv, state: TrainState, key: jax.Array) -> RolloutState:
         """Return where the last rollout stopped, with fresh initial states if new ones are due."""
         rollout, period = state.rollout, pool_period(self.rollout_length)
         if period == 1:
-            return rollout.replace(env=self.env.refill(rollout.env, key))
-        env = jax.lax.cond(
+            return rollout.replace(env=env.refill(rollout.env, key))
+        refilled = jax.lax.cond(
             for_all(state.iteration % period == 0),
-            lambda env: self.env.refill(env, key),
-            lambda env: env,
+            lambda state: env.refill(state, key),
+            lambda state: state,
             rollout.env,
         )
-        return rollout.replace(env=env)
+        return rollout.replace(env=refilled)
 
     def step(self, state: TrainState) -> tuple[TrainState, Metrics]:
         """Collect a rollout with the agent as it is at this point of the run, and learn from it."""
         key, key_rollout, key_update = jax.random.split(state.key, 3)
-        agent = self.agent.replace(**state.hyperparameters)
+        agent, env = self.under(state.hyperparameters)
         agent = agent.scheduled(state.iteration / self.iterations)
         key_pool, key_steps = jax.random.split(key_rollout)
         rollout, batch, outcome = collect(
             agent,
             state.learner.params,
             state.normalizer if agent.normalize_observations else None,
-            self.env,
-            self.refilled(state, key_pool),
+            env,
+            self.refilled(env, state, key_pool),
             key_steps,
             self.rollout_length,
         )

@@ -11,7 +11,8 @@ from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.learning.episodes import EpisodeWindow
 from hitmdp_jax.learning.rollout import RolloutState
 
-Hyperparameters = dict[str, jax.Array]  # float hyperparameter -> its value
+# A float hyperparameter, or `env.` and a number of the task's, -> its value.
+Hyperparameters = dict[str, jax.Array]
 
 
 class TrainState(struct.PyTreeNode):

@@ -3,16 +3,19 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from hitmdp_jax.agents import Agent
 from hitmdp_jax.agents.base import hyperparameters_of
+from hitmdp_jax.envs.keywords import parameters_of
+from hitmdp_jax.envs.numbers import traced_of
 from hitmdp_jax.errors import UsageError, out_of_domain, unknown_name
 
 PREFIX = "algo."
+TASK = "env."  # begins the names of the task's numbers
 MOST_SETTINGS = 10_000
 RANGES = ("uniform", "log_uniform")
 FORM = "{algo.learning_rate:[1e-4,3e-4]} or {algo.learning_rate:{log_uniform:[1e-5,1e-3]}}"
@@ -24,7 +27,7 @@ class Training:
 
     seed: int
     setting: int  # the place of its setting among the sweep's, from 0
-    swept: dict[str, float] = dataclasses.field(hash=False)  # hyperparameter -> its value
+    swept: dict[str, float] = dataclasses.field(hash=False)  # what is swept -> its value
 
     @property
     def name(self) -> str:
@@ -38,14 +41,17 @@ class Training:
         return {"seed": self.seed, **setting}
 
 
-def check_sweep(sweep: Any, samples: Any, agent: Agent) -> None:
+def check_sweep(
+    sweep: Any, samples: Any, agent: Agent, tasks: Sequence[Callable[..., Any]] = ()
+) -> None:
     """Check what a run is asked to sweep.
 
     Args:
-      sweep: `algo.` and a float hyperparameter -> a list of values, or a range such as
-        {"log_uniform": [1e-5, 1e-3]}; or None.
+      sweep: `algo.` and a float hyperparameter, or `env.` and a number that the task lists in
+        `traced`, -> a list of values, or a range such as {"log_uniform": [1e-5, 1e-3]}; or None.
       samples: how many settings are drawn at random; None takes every combination.
       agent: whose hyperparameters they are.
+      tasks: the constructors of the tasks that are trained on.
 
     Raises:
       UsageError: saying what is wrong, and what would do.
@@ -58,14 +64,20 @@ def check_sweep(sweep: Any, samples: Any, agent: Agent) -> None:
         raise UsageError(f"sweep = {sweep} must name what is swept, e.g. {FORM}.")
     traced = [PREFIX + name for name in agent.traced_values()]
     every = [PREFIX + field.name for field in hyperparameters_of(agent)]
+    for task in tasks[:1]:
+        traced += [TASK + name for name in traced_of(task)]
+        every += [TASK + name for name in parameters_of(task)]
     for name, values in sweep.items():
-        if name not in every:
-            raise unknown_name("swept hyperparameter", str(name), traced)
+        if name not in (*every, *traced):
+            raise unknown_name("swept setting", str(name), traced)
         if name not in traced:
+            why = "is no number that the task reads at each step"
             raise UsageError(
-                f"{name} shapes the program, so one program cannot sweep it: use -m. "
-                f"sweep takes {', '.join(traced)}."
+                f"{name} {why if name.startswith(TASK) else 'shapes the program'}, so one program "
+                f"cannot sweep it: use -m. sweep takes {', '.join(traced)}."
             )
+        if name.startswith(TASK) and len(tasks) > 1:
+            raise UsageError(f"A transfer has two tasks: it sweeps {PREFIX} alone, not {name}.")
         _check_values(str(name), values, samples)
     settings = samples or math.prod(map(len, sweep.values()))
     if settings > MOST_SETTINGS:
@@ -115,6 +127,19 @@ def _drawn(values: Any, rng: np.random.Generator) -> float:
     if kind == "log_uniform":
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
     return float(rng.uniform(low, high))
+
+
+def apart(swept: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what is swept of the algorithm, and what of the task, each by its own name."""
+    of_task = {name.removeprefix(TASK): x for name, x in swept.items() if name.startswith(TASK)}
+    others = {name: x for name, x in swept.items() if not name.startswith(TASK)}
+    return {name.removeprefix(PREFIX): x for name, x in others.items()}, of_task
+
+
+def numbers_of(trainings: Sequence[Training]) -> dict[str, np.ndarray]:
+    """Return the numbers of the task that are swept, float32 [N] of N trainings, by keyword."""
+    each = [apart(training.swept)[1] for training in trainings]
+    return {name: np.array([x[name] for x in each], np.float32) for name in each[0]}
 
 
 def label(swept: Mapping[str, float]) -> str:

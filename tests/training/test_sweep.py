@@ -1,13 +1,21 @@
+import functools
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from hitmdp_jax.agents import PPO
+from hitmdp_jax.envs import make_env
+from hitmdp_jax.envs.numbers import with_numbers
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.interpret.evaluation import score_each
 from hitmdp_jax.runs.checkpoint import Progress
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.run import Run
-from hitmdp_jax.training.sweep import Training, label, settings_of
-from tests.probes import QUICK
+from hitmdp_jax.training.sweep import Training, apart, label, numbers_of, settings_of
+from tests.probes import QUICK, untrained_policy
 
 GRID = {"algo.learning_rate": [1e-4, 1e-2], "algo.gamma": [0.9, 0.99, 1.0]}
 RANDOM = {"algo.learning_rate": {"log_uniform": [1e-5, 1e-1]}, "algo.gamma": [0.9, 0.99]}
@@ -80,7 +88,7 @@ def test_a_label_names_the_setting():
         ({"algo.gama": [0.9]}, None, r"'algo\.gama'; did you mean 'algo\.gamma'\?"),
         ({"gamma": [0.9]}, None, r"'gamma'; did you mean 'algo\.gamma'\?"),
         ({"algo.num_epochs": [1, 2]}, None, r"algo\.num_epochs shapes the program.*use -m"),
-        ({"num_envs": [1, 2]}, None, r"Unknown swept hyperparameter 'num_envs'"),
+        ({"num_envs": [1, 2]}, None, r"Unknown swept setting 'num_envs'"),
         ({"algo.gamma": 0.9}, None, r"algo\.gamma = 0\.9 must be a list of numbers or a range"),
         ({"algo.gamma": []}, None, r"must be a list of numbers"),
         ({"algo.gamma": [0.9, "a"]}, None, r"must be a list of numbers"),
@@ -102,3 +110,66 @@ def test_a_label_names_the_setting():
 def test_bad_sweeps_are_explained(sweep, samples, sentence):
     with pytest.raises(UsageError, match=sentence):
         config(sweep=sweep, samples=samples)
+
+
+CHEETAH = {"env": {"name": "halfcheetah"}, "num_envs": 2, "rollout_length": 1024}
+TURKEY = {"env": {"name": "toy/turkey"}, "physics": "mjx"}
+
+
+@pytest.mark.parametrize(("task", "sweep", "losses"), [
+    (CHEETAH, {"env.ctrl_cost_weight": [0.1, 3.0], "env.forward_reward_weight": [1.0, 2.0]}, 4),
+    # The rate changes what is learned of the first rollout, and not its loss.
+    (TURKEY, {"env.stuffed_reward": [5.0, 20.0], "algo.learning_rate": [1e-4, 1e-2]}, 2),
+])  # fmt: skip
+def test_a_task_whose_number_is_swept_trains_as_it_does_alone(task, sweep, losses):
+    swept = config(**task, sweep=sweep, seed=3)
+    together = first_iteration(swept)
+    of_agent, of_task = apart(swept.settings[2])
+    own = {"env": task["env"] | of_task, "algo": QUICK["algo"] | of_agent}
+    alone = first_iteration(config(**task | own, seed=3))
+    compare = functools.partial(np.testing.assert_allclose, rtol=2e-3, atol=1e-5)
+    jax.tree.map(lambda a, b: compare(a[2], b[0]), together, alone)
+    assert len(np.unique(np.asarray(together[1]).round(5))) == losses
+
+
+def test_a_policy_is_scored_in_the_task_of_its_own_setting(key):
+    """Whoever roasts at once gets what roasting a plain turkey is worth."""
+    env = make_env("toy/turkey")
+    agent = PPO(hidden_sizes=(8,)).bind(spec_of(env))
+    policy = untrained_policy(agent, key)
+    several = jax.tree.map(lambda x: jnp.stack([x] * 3), policy)
+    numbers = {"plain_reward": np.float32([-10.0, -1.0, 4.0])}
+    keys, task = [key] * 3, {"name": "toy/turkey"}
+    scores = score_each(several, task, "mjx", 64, keys, numbers=numbers)
+    (usual,) = score_each(several.of(np.array([0])), task, "mjx", 64, keys[:1])
+    assert set(usual.returns) <= {-10.0, 0.0, 10.0}
+    assert (usual.returns == -10.0).any()
+    for score, worth in zip(scores, numbers["plain_reward"], strict=True):
+        np.testing.assert_allclose(score.returns, np.where(usual.returns < 0, worth, usual.returns))
+
+
+def test_a_setting_of_a_task_has_its_number_wherever_it_is_used():
+    swept = config(**TURKEY, sweep={"env.stuffed_reward": [5.0, 20.0]}, seeds=2)
+    assert swept.trainings[2].name == "seed 0 of env.stuffed_reward=20"
+    assert swept.task_at(1, swept.trainings[2]) == {"name": "toy/turkey", "stuffed_reward": 20.0}
+    assert swept.task_at(1) == {"name": "toy/turkey"}
+    np.testing.assert_array_equal(numbers_of(swept.trainings)["stuffed_reward"], [5, 5, 20, 20])
+
+
+def test_a_held_action_is_held_in_the_task_of_other_numbers(key):
+    env = with_numbers(make_env("toy/turkey", action_repeat=2), {"stuffed_reward": 3.0})
+    state = env.step(env.reset(key), jnp.array([-1.0]))  # stuffs, and must roast it then
+    assert state.reward == 0.0
+    state = make_env("toy/turkey").step(env.env.reset(key), jnp.array([-1.0]))
+    assert env.env.step(state, jnp.array([1.0])).reward == 3.0
+
+
+@pytest.mark.parametrize(("task", "name", "sentence"), [
+    (CHEETAH, "env.reset_noise_scale", "is no number that the task reads at each step, so one "),
+    (CHEETAH, "env.ctrl_cost_weigth", "did you mean 'env.ctrl_cost_weight'"),
+    (CHEETAH | {"second_env": {"name": "hopper"}}, "env.ctrl_cost_weight", "sweeps algo. alone"),
+    ({"env": {"name": "toy/cue"}, "physics": "mjx"}, "env.length", "is no number that the task"),
+])  # fmt: skip
+def test_a_number_that_cannot_be_swept_is_named(task, name, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        config(**task, sweep={name: [0.5, 1.0]})

@@ -33,6 +33,7 @@ class Runner(GymTask):
     """
 
     reward_terms = ("reward_forward", "reward_ctrl")
+    traced: ClassVar[tuple[str, ...]] = ("forward_reward_weight", "ctrl_cost_weight")
     model_files: ClassVar[Mapping[str, str]]  # version -> the file among Gymnasium's
     frame_skip: ClassVar[int]
     mjx_budget: ClassVar[SolverBudget]
@@ -84,6 +85,7 @@ class HealthyRunner(HealthyTask, Runner):
     """
 
     reward_terms = (*Runner.reward_terms, "reward_survive")
+    traced = (*Runner.traced, "healthy_reward")
 
     ctrl_cost_weight: float = 1e-3
     reset_noise_scale: float = 5e-3

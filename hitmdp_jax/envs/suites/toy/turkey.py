@@ -5,8 +5,6 @@ import jax.numpy as jnp
 from brax.envs.base import Env, State
 
 ROAST_THRESHOLD = 0.0  # actions above it roast, others stuff
-STUFFED_REWARD = 10.0
-PLAIN_REWARD = -10.0
 
 
 class Turkey(Env):
@@ -17,12 +15,20 @@ class Turkey(Env):
     if not; so does the second action, whatever it is. The best return is 10. A policy of the
     observation alone that roasts with probability p gets -10 p + 10 p (1 - p) = -10 p^2, at best 0:
     what was done before must be remembered.
+
+    Args:
+      stuffed_reward: for roasting a stuffed turkey.
+      plain_reward: for roasting a plain one.
     """
 
     episode_length = 2
     observation_size = 2  # pyright: ignore[reportAssignmentType]
     action_size = 1  # pyright: ignore[reportAssignmentType]
     backend = "none"  # pyright: ignore[reportAssignmentType]
+    traced = ("stuffed_reward", "plain_reward")
+
+    def __init__(self, stuffed_reward: float = 10.0, plain_reward: float = -10.0):
+        self.stuffed_reward, self.plain_reward = stuffed_reward, plain_reward
 
     def reset(self, rng: jax.Array) -> State:
         """Return the raw, plain turkey; there is nothing random in it."""
@@ -33,7 +39,7 @@ class Turkey(Env):
     def step(self, state: State, action: jax.Array) -> State:
         """Stuff or roast."""
         roast = (action[0] > ROAST_THRESHOLD).astype(jnp.float32)
-        outcome = jnp.where(state.info["stuffed"] > 0, STUFFED_REWARD, PLAIN_REWARD)
+        outcome = jnp.where(state.info["stuffed"] > 0, self.stuffed_reward, self.plain_reward)
         return state.replace(  # pyright: ignore[reportAttributeAccessIssue]
             obs=jnp.stack([1.0 - roast, roast]),
             reward=roast * outcome,

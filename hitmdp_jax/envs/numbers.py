@@ -1,0 +1,39 @@
+"""Numbers of a task that are inputs of the program, so that it can try many of them at once.
+
+A task lists in `traced` those of its keywords that it keeps under their own names, and reads in
+`reset` and `step` alone. Whatever it computed from a keyword when it was made would be out of date.
+"""
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+from brax.envs.base import Env, Wrapper
+
+from hitmdp_jax.errors import unknown_name
+
+
+def traced_of(task: Any) -> tuple[str, ...]:
+    """Return the keywords that a task, or its class, lists in `traced`."""
+    return tuple(getattr(task, "traced", ()))
+
+
+def with_numbers(env: Env, numbers: Mapping[str, Any]) -> Env:
+    """Return a task with other numbers, which may be traced; the given one stays as it is.
+
+    Args:
+      env: the task, unbatched; it may be wrapped.
+      numbers: keyword -> its value [].
+
+    Raises:
+      UsageError: the task does not list a keyword in `traced`.
+    """
+    changed = copy.copy(env)
+    if isinstance(changed, Wrapper):
+        changed.env = with_numbers(changed.env, numbers)
+        return changed
+    for name in numbers:
+        if name not in traced_of(env):
+            raise unknown_name(f"traced number of {type(env).__name__}", name, traced_of(env))
+    vars(changed).update(numbers)
+    return changed
