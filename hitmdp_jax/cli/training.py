@@ -10,7 +10,7 @@ from hitmdp_jax.cli.settings import flag_setting, folder_setting, run_config
 from hitmdp_jax.cli.tensorboard import OptionFigures
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.runs import processes
-from hitmdp_jax.runs.callbacks import own_code
+from hitmdp_jax.runs.callbacks import has_reached, own_code
 from hitmdp_jax.runs.checkpoint import saved_iterations
 from hitmdp_jax.runs.claim import already_there, claim, is_finished, newest
 from hitmdp_jax.runs.config import RunConfig
@@ -22,7 +22,7 @@ from hitmdp_jax.runs.run import Run
 if TYPE_CHECKING:
     from hitmdp_jax.runs.reporter import Hook
 
-CHANGEABLE = ("total_steps", "data_devices")  # settings that a resumed run may change
+CHANGEABLE = ("total_steps", "data_devices", "stop_at_return")  # by a resumed run
 RESUMABLE = ("resume", "report", "distributed", "trust", *CHANGEABLE)  # what may be set then
 SHOWN = 10  # settings of a sweep, the best; sweep.csv has all
 DIVERGED = 3  # the exit code of a run in which a seed was lost
@@ -59,6 +59,10 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     if resume is not None and processes.told(lambda: is_finished(resume, config.schedule)):
         done = f"{config.schedule.env_steps:,} env steps"
         print(f"{run_dir} is finished: {done}. A larger total_steps goes on.")
+        return 0
+    if resume is not None and processes.told(lambda: has_reached(resume, config)):
+        reached = f"has reached stop_at_return = {config.stop_at_return:g}"
+        print(f"{run_dir} {reached}. A higher one goes on, and so does stop_at_return=null.")
         return 0
     begun = resume is not None and processes.told(lambda: bool(saved_iterations(resume)))
     hooks = own_code(config)
@@ -159,7 +163,7 @@ def _resumed(run_dir: Path, names: list[str], values: dict[str, Any]) -> RunConf
         if name not in RESUMABLE:
             raise UsageError(
                 f"resume={run_dir} goes on with the run's own settings; only "
-                f"{' and '.join(CHANGEABLE)} can be changed, not '{name}'."
+                f"{', '.join(CHANGEABLE[:-1])} and {CHANGEABLE[-1]} can be changed, not '{name}'."
             )
     config = RunConfig.load(run_dir, flag_setting(values, "trust"))
     if config.env is None:

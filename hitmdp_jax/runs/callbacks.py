@@ -1,6 +1,7 @@
 """`callbacks=`: a user's own code, called while a run goes on."""
 
 import inspect
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -8,11 +9,12 @@ import numpy as np
 
 from hitmdp_jax import plugins
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.runs.checkpoint import Progress
+from hitmdp_jax.runs.checkpoint import Progress, saved_iterations
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.interrupt import StopRequest
+from hitmdp_jax.runs.metrics import read_metrics
 from hitmdp_jax.runs.sinks import Values
-from hitmdp_jax.training.callbacks import Callback, Moment, check_callbacks, told
+from hitmdp_jax.training.callbacks import Callback, Moment, StopAtReturn, check_callbacks, told
 from hitmdp_jax.training.policy import Policy
 
 
@@ -63,6 +65,21 @@ def own_code(config: RunConfig) -> list[OwnCode]:
     made = (_made(name) for name in config.callbacks or ())
     found = check_callbacks(made, config.stop_at_return)
     return [OwnCode(callback, config) for callback in found]
+
+
+def has_reached(run_dir: Path, config: RunConfig) -> bool:
+    """Return whether a run has saved what its `stop_at_return` asks for, where it asks."""
+    if config.stop_at_return is None:
+        return False
+    try:
+        known = read_metrics(run_dir, len(config.trainings))
+    except UsageError:  # whoever goes on with a damaged table is told there
+        return False
+    saved = max(saved_iterations(run_dir), default=0)
+    reports = np.flatnonzero(known["iteration"][0] == saved) if known else ()
+    return len(reports) > 0 and StopAtReturn(config.stop_at_return).reached(
+        {name: x[:, reports[-1]] for name, x in known.items()}
+    )
 
 
 def _made(name: str) -> tuple[Any, str]:

@@ -77,11 +77,14 @@ class StopAtReturn(Callback):
             raise out_of_domain("stop_at_return", least, "a number")
         self.least = least
 
+    def reached(self, metrics: Mapping[str, np.ndarray]) -> bool:
+        """Return whether the trainings have come so far, by their metrics [R] of a report."""
+        returns = metrics["recent_return"][metrics["diverged"] == 0]
+        return len(returns) > 0 and bool((returns >= self.least).all())
+
     def __call__(self, now: Moment) -> None:
         """Stop the run, or do nothing."""
-        going = now.metrics["diverged"] == 0
-        returns = now.metrics["recent_return"][going]
-        if len(returns) and (returns >= self.least).all():
+        if self.reached(now.metrics):
             now.stop(f"the mean return of the last episodes reached {self.least:g}")
 
 

@@ -107,7 +107,16 @@ def test_a_run_ends_at_its_return_and_goes_on_where_it_is_asked_to(command, tmp_
     assert len(rows_of(run_dir)) == 2
     again = command("train", f"resume={run_dir}", "report=false")
     assert again.returncode == 0, again.stderr
-    assert "Stopped at 4,096 env steps" in again.stdout
+    assert again.stdout == (
+        f"{run_dir} has reached stop_at_return = -1e+09. "
+        "A higher one goes on, and so does stop_at_return=null.\n"
+    )
+    assert len(rows_of(run_dir)) == 2
+    again = command("train", f"resume={run_dir}", "report=false", "stop_at_return=-1e8")
+    assert "has reached stop_at_return = -1e+08" in again.stdout
+    again = command("train", f"resume={run_dir}", "report=false", "stop_at_return=null")
+    assert f"Saved in {run_dir}." in again.stdout
+    assert len(rows_of(run_dir)) == 8
     never = command("train", *SHORT, "stop_at_return=1e9", f"run_dir={tmp_path / 'other'}")
     assert f"Saved in {tmp_path / 'other'}." in never.stdout
     assert len(rows_of(tmp_path / "other")) == 8
