@@ -37,14 +37,15 @@ def data(agent, params):
 
 
 def test_every_option_learns_by_its_probability_and_its_importance(agent, params, data):
-    """Klissarov & Precup 2021: P(o | s, o_prev) pi_o(a) / pi_{o_t}(a) weighs both updates."""
+    """Klissarov & Precup 2021: P(o | s, o_prev) and the ratio of action and next option weigh."""
     sg = jax.lax.stop_gradient
 
     def plain(params, sample):
         heads, memory = agent.heads(params, sample["obs"]), sample["memory"]
         probs = option_probabilities(heads, memory.previous, memory.initial)
         log_prob = jnp.stack([log_density(params, heads, o, sample["action"]) for o in range(K)])
-        weight = sg(probs * jnp.exp(log_prob - log_prob[sample["option"]]))
+        likelier = log_prob - log_prob[sample["option"]] + sample["log_ratio_next"]
+        weight = sg(probs * jnp.exp(likelier))
         beta = jax.nn.sigmoid(heads.termination[memory.previous])
         going_on = sg(heads.value[memory.previous] - jnp.exp(heads.log_master) @ heads.value)
         return (
@@ -54,6 +55,24 @@ def test_every_option_learns_by_its_probability_and_its_importance(agent, params
         )
 
     assert_ascends(agent.loss, plain, params, data)
+
+
+def test_what_follows_is_weighed_by_how_likely_it_was_after_each_option(agent, params):
+    """Step by step, and by nothing where the episode or the rollout ends."""
+    batch = random_batch()
+    data, _ = agent.targets(params, batch)
+    ratios = np.asarray(data["log_ratio_next"])
+    for t in range(T):
+        for b in range(B):
+            if t == T - 1 or batch.terminated[t, b] or batch.truncated[t, b]:
+                np.testing.assert_array_equal(ratios[t, b], 0.0)
+                continue
+            heads = agent.heads(params, batch.next_obs[t, b])
+            after = [option_probabilities(heads, o, False) for o in range(K)]
+            likely = np.array([after[o][batch.record[t + 1, b]] for o in range(K)])
+            expected = np.log(likely / likely[batch.record[t, b]])
+            np.testing.assert_allclose(ratios[t, b], expected, rtol=1e-3, atol=1e-5)
+    assert np.ptp(ratios[0]) > 0.1
 
 
 def test_without_eta_it_is_ppoc(params, data):
