@@ -90,7 +90,7 @@ def check_memory(parts: dict[str, int], available: int | None = None) -> None:
         largest = max(parts, key=lambda name: parts[name])
         raise UsageError(
             f"That takes at least {_told(needed)} of memory, most of it for {largest}, and this "
-            f"machine has {_told(has)}: lower them."
+            f"machine has {_told(has)}: lower these numbers."
         )
 
 

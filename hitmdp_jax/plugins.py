@@ -111,8 +111,8 @@ def load_class(name: str) -> type[Any]:
         raise UsageError(f"'{name}' names no file: there is no '{path}' here.")
     if file not in _trusted and file not in _remembered():
         raise UsageError(
-            f"'{file}' would be run, and no command line of yours has named it: if you trust it, "
-            "add --trust (trust=true for train.py, trust=True in Python)."
+            f"'{file}' would be executed, and no command line of yours has named it: if you trust "
+            "it, add --trust (trust=true for train.py, trust=True in Python)."
         )
     module = _load(file)
     found = getattr(module, class_name, None)

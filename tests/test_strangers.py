@@ -107,7 +107,7 @@ def test_a_command_runs_no_file_that_a_run_names_unless_it_is_told_to(
     plant(folder)
     call(line, monkeypatch)
     _, err = capsys.readouterr()
-    assert f"'{folder / 'planted.py'}' would be run" in err
+    assert f"'{folder / 'planted.py'}' would be executed" in err
     assert not (folder / "marker").exists()
     if trust := COMMANDS[line]:
         call(line, monkeypatch, trust)
@@ -182,7 +182,7 @@ def test_what_python_saved_stays_trusted_and_another_file_is_not(folder, monkeyp
     monkeypatch.setattr(plugins, "_trusted", set())
     assert type(hitmdp_jax.load("saved").agent).__name__ == "Mine"
     plant(folder)
-    with pytest.raises(UsageError, match="would be run"):
+    with pytest.raises(UsageError, match="would be executed"):
         hitmdp_jax.load("run")
 
 
@@ -197,7 +197,7 @@ def test_without_a_place_to_remember_trust_is_needed_each_time(state, folder, mo
         monkeypatch.setenv("XDG_STATE_HOME", "~nobodys/state")
     plugins.trust("planted.py:Class", remember=True)
     monkeypatch.setattr(plugins, "_trusted", set())
-    with pytest.raises(UsageError, match="would be run"):
+    with pytest.raises(UsageError, match="would be executed"):
         plugins.load_class("planted.py:Class")
 
 

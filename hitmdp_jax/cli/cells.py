@@ -95,7 +95,7 @@ def _chosen(experiment: Experiment, given: dict[str, str], settings: list[str]) 
       UsageError: a name is unknown, or a setting would make all arms the same.
     """
     for name in set(named(settings)) & {"algo", "resume", "sweep"}:
-        raise UsageError(f"experiment takes no {name}=: its arms name what is compared.")
+        raise UsageError(f"experiment takes no {name}=: its arms say what is compared.")
     tasks, arms = experiment.tasks, experiment.arms
     if not tasks:
         words = named(last_of_each([*experiment.settings, *settings]))
@@ -144,7 +144,7 @@ def _is_there(
     if differences := cell.stands_for(config):
         raise UsageError(
             f"{arm} in '{results / task}' was published with other settings "
-            f"({'; '.join(differences)}): name another results=."
+            f"({'; '.join(differences)}): give another results=."
         )
     return cell.summary.config.seeds >= config.seeds
 

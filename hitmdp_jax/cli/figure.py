@@ -66,7 +66,7 @@ def _check(entry: Entry, arguments: argparse.Namespace) -> None:
     if entry.needs not in (Needs.EPISODES, Needs.PICTURES):
         for flag in ("setting", "checkpoint", "task", "episodes"):
             if getattr(arguments, flag) is not None:
-                raise UsageError(f"--{flag} has no say: {name} shows no episodes.")
+                raise UsageError(f"--{flag} has no effect: {name} shows no episodes.")
 
 
 def _drawn(entry: Entry, arguments: argparse.Namespace) -> Figure:

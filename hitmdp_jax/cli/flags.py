@@ -26,7 +26,7 @@ class Parser(argparse.ArgumentParser):
         if kind == "unrecognized arguments" and words.startswith("-"):
             flag = words.split()[0].split("=")[0]
             raise unknown_name("flag", flag, self._option_string_actions)
-        raise UsageError(f"{message[0].upper()}{message[1:]}; --help lists what can be given.")
+        raise UsageError(f"{message[0].upper()}{message[1:]}; --help lists the valid words.")
 
 
 def parsed(command: str, words: Sequence[str]) -> argparse.Namespace:

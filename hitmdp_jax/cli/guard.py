@@ -44,11 +44,11 @@ def guarded(command: Callable[[], int | None], shows: bool = True) -> None:
             exit_with(UsageError(f"'{error.filename}' cannot be used: {error.strerror}."))
         if error.errno not in OF_THE_MACHINE:
             raise
-        exit_with(UsageError(f"This machine cannot go on: {error.strerror}."))
+        exit_with(UsageError(f"This machine cannot continue: {error.strerror}."))
     except (MemoryError, RuntimeError) as error:  # JAX's own is one
         if not isinstance(error, MemoryError) and "RESOURCE_EXHAUSTED" not in str(error):
             raise
-        reason = "This machine's memory does not hold so much"
+        reason = "This machine does not have enough memory"
         exit_with(UsageError(f"{reason}: lower seeds, num_envs, rollout_length or episodes."))
     finally:
         output.flush()
@@ -145,7 +145,7 @@ def check_process() -> None:
         os.getcwd()
     except FileNotFoundError:
         raise UsageError(
-            "The working directory has been deleted: change to one that is there."
+            "The working directory has been deleted: change to one that exists."
         ) from None
     files, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     if 0 <= files < OPEN_FILES:

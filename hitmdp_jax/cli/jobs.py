@@ -87,7 +87,7 @@ def sweep_folder(settings: Settings) -> Path:
         if values["distributed"]:
             raise UsageError("distributed=true trains one run in several processes: leave -m out.")
         if values["resume"] is not None:
-            raise UsageError("resume goes on with one run: leave -m out.")
+            raise UsageError("resume continues one run: leave -m out.")
     if len({str(values["run_dir"]) for values in jobs}) > 1:
         raise UsageError("run_dir names the folder of the whole sweep; it cannot be swept.")
     default = RUNS / "sweeps" / time.strftime("%Y-%m-%d_%H-%M-%S")

@@ -118,7 +118,7 @@ class Settings:
         if not self.multirun or override.is_add() or not (of_group or name in HYDRA_GROUPS):
             instead = " run_dir= names the folder." if name.endswith(".dir") else ""
             raise UsageError(
-                f"'{name}' has no say here: of Hydra's own settings, -m takes hydra/launcher, "
+                f"'{name}' has no effect here: of Hydra's own settings, -m takes hydra/launcher, "
                 f"hydra/sweeper and what belongs to them.{instead}"
             )
         if name in HYDRA_GROUPS:
@@ -253,7 +253,9 @@ def folder_setting(values: dict[str, Any], name: str = "run_dir") -> Path | None
     try:
         return Path(str(value)).expanduser()
     except RuntimeError:
-        raise UsageError(f"{name} = {value} begins with the home of an unknown user.") from None
+        raise UsageError(
+            f"{name} = {value} begins with the home folder of an unknown user."
+        ) from None
 
 
 def flag_setting(values: dict[str, Any], name: str) -> bool:
@@ -322,13 +324,15 @@ def _check_form(parsed: Sequence[Override], multirun: bool) -> None:
         if name in given:
             raise UsageError(f"'{given[name].input_line}' and '{text}' set {name} twice.")
         if override.is_sweep_override() and not multirun:
-            raise UsageError(f"'{text}' lists several values: add -m to run one after the other.")
+            raise UsageError(f"'{text}' lists several values: add -m to run them in turn.")
         if override.value_type is ValueType.GLOB_CHOICE_SWEEP:
             raise UsageError(f"'{text}' is a pattern: list the choices, as {name}=a,b.")
         given[name] = override
     swept = given["sweep"].value() if "sweep" in given else None
     for name in set(swept if isinstance(swept, dict) else ()) & set(given):
-        raise UsageError(f"'{given[name].input_line}' has no say: sweep= gives {name} its values.")
+        raise UsageError(
+            f"'{given[name].input_line}' has no effect: sweep= gives {name} its values."
+        )
 
 
 def _is_own(override: Override) -> bool:
@@ -344,8 +348,8 @@ def _is_own(override: Override) -> bool:
     own = [plugins.is_own(choice) for choice in _listed(override)]
     if any(own) and not all(own):
         raise UsageError(
-            f"'{override.input_line}' lists files of your own beside other names: run -m for each "
-            "kind."
+            f"'{override.input_line}' mixes files of your own with other names: run -m once for "
+            "each kind."
         )
     return all(own)
 

@@ -162,18 +162,18 @@ def _resumed(run_dir: Path, names: list[str], values: dict[str, Any]) -> RunConf
     for name in names:
         if name not in RESUMABLE:
             raise UsageError(
-                f"resume={run_dir} goes on with the run's own settings; only "
+                f"resume={run_dir} continues the run with its own settings; only "
                 f"{', '.join(CHANGEABLE[:-1])} and {CHANGEABLE[-1]} can be changed, not '{name}'."
             )
     config = RunConfig.load(run_dir, flag_setting(values, "trust"))
     if config.env is None:
-        raise UsageError(f"'{run_dir}' was saved from Python and names no task to go on with.")
+        raise UsageError(f"'{run_dir}' was saved from Python and names no task to continue.")
     changes = {name: values[name] for name in CHANGEABLE if name in names}
     changed = RunConfig.from_mapping(config.to_dict() | changes)
     if config.second_env is not None and changed.schedule.iterations != config.schedule.iterations:
         raise UsageError(
-            f"'{run_dir}' is a transfer, whose total_steps = {config.total_steps:,} say when it "
-            "goes over to its second task; they cannot be changed."
+            f"'{run_dir}' is a transfer: total_steps = {config.total_steps:,} decide when it "
+            "changes to its second task, so they cannot be changed."
         )
     done = max(saved_iterations(run_dir), default=0)
     if "total_steps" in names and changed.schedule.iterations < done:

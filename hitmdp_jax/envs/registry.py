@@ -154,4 +154,4 @@ def engine_for(name: str, wanted: PhysicsChoice) -> PhysicsChoice:
 def _check_interface(name: str, env: Any) -> None:
     """Raise UsageError where an environment, or its class, is none."""
     if not (hasattr(env, "reset") and hasattr(env, "step")):
-        raise UsageError(f"'{name}' makes no environment: what it makes has no reset and step.")
+        raise UsageError(f"'{name}' makes no environment: its result has no reset and step.")

@@ -71,7 +71,7 @@ def claim(run_dir: Path | None, config: RunConfig, overwrite: bool = False) -> P
             raise UsageError(f"run_dir = {folder} cannot be written: {error.strerror}.") from None
         if run_dir is not None:
             raise UsageError(
-                f"'{folder}' holds a run already: resume={folder} goes on with it, "
+                f"'{folder}' already holds a run: resume={folder} continues it, "
                 "overwrite=true replaces it."
             )
     raise AssertionError  # `count` does not end

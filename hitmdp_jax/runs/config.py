@@ -335,7 +335,7 @@ def _parts(init_from: Any, init_parts: Any) -> tuple[str, ...] | None:
     if init_from is not None and not isinstance(init_from, str):
         raise out_of_domain("init_from", init_from, "a run's folder, or a policy's file")
     if init_parts is not None and init_from is None:
-        raise UsageError(f"init_parts = {init_parts} has no say: init_from names no run.")
+        raise UsageError(f"init_parts = {init_parts} has no effect: init_from names no run.")
     return None if init_parts is None else check_parts(init_parts)
 
 

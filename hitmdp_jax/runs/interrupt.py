@@ -52,7 +52,7 @@ class StopRequest:
         for other in self._previous:
             signal.signal(other, signal.SIG_DFL)
         # Not print: the signal may have come in the middle of one.
-        os.write(2, b"\nStopping after this iteration, to save. Once more stops at once.\n")
+        os.write(2, b"\nStopping and saving after this iteration. A second signal stops at once.\n")
 
     def wait_for(self, function: Callable[[], Result]) -> Result:
         """Run a function that may take long and cannot stop, such as a compilation.

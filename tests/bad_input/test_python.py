@@ -171,7 +171,7 @@ PYTHON = {
     "save parameters": (lambda: hitmdp_jax.save("new", PPO(), {"a": 1}), "state is a dict"),
     "save over a run": (
         lambda: hitmdp_jax.save("run", PPO(), untrained(PPO(), 1)),
-        "'run' holds a run already",
+        "'run' already holds a run",
     ),
     "save into a file": (
         lambda: hitmdp_jax.save("notes.txt", PPO(), untrained(PPO(), 1)),

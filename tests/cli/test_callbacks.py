@@ -172,6 +172,6 @@ def test_a_strangers_callbacks_are_run_by_nobody_who_does_not_trust_them(
     assert result.returncode == (0 if trusted else 2), result.stderr
     assert marker.exists() == trusted
     if not trusted:
-        assert f"'{planted}' would be run" in result.stderr
+        assert f"'{planted}' would be executed" in result.stderr
         assert command("evaluate", run_dir, "--episodes", "2").returncode == 0
         assert not marker.exists()

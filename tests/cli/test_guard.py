@@ -98,13 +98,15 @@ def test_what_the_machine_lacks_is_said_in_a_sentence(capsys, number):
         raise OSError(number, os.strerror(number))
 
     assert exit_code_of(lambda: guarded(command)) == 2
-    assert capsys.readouterr().err == f"error: This machine cannot go on: {os.strerror(number)}.\n"
+    assert (
+        capsys.readouterr().err == f"error: This machine cannot continue: {os.strerror(number)}.\n"
+    )
 
 
 @pytest.mark.parametrize("array", [np.empty, lambda size: jax.jit(lambda: jnp.ones(size))()])
 def test_what_memory_does_not_hold_is_said_in_a_sentence(capsys, array):
     assert exit_code_of(lambda: guarded(lambda: array(2**56) is None)) == 2
-    assert capsys.readouterr().err.startswith("error: This machine's memory does not hold so much")
+    assert capsys.readouterr().err.startswith("error: This machine does not have enough memory")
 
 
 def test_other_errors_keep_their_traceback():

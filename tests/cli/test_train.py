@@ -279,7 +279,7 @@ def test_a_run_is_not_overwritten_unless_asked(command, tmp_path):
     assert command("train", *arguments, "total_steps=4096").returncode == 0
     refused = command("train", *arguments, "total_steps=2048")
     assert refused.returncode == 2
-    assert "holds a run already: resume=" in refused.stderr
+    assert "already holds a run: resume=" in refused.stderr
     assert saved_iterations(run_dir) == [2]
     assert command("train", *arguments, "total_steps=2048", "overwrite=true").returncode == 0
     assert saved_iterations(run_dir) == [1]

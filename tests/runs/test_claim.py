@@ -28,7 +28,7 @@ CONFIG = RunConfig(algo={"name": "ppo"}, env={"name": "halfcheetah"}, total_step
 def test_a_folder_is_claimed_once(tmp_path):
     run_dir = claim(tmp_path / "run", CONFIG)
     assert RunConfig.load(run_dir) == CONFIG
-    with pytest.raises(UsageError, match="holds a run already: resume="):
+    with pytest.raises(UsageError, match="already holds a run: resume="):
         claim(run_dir, CONFIG)
     for name in ("metrics.csv", "made_with.txt", "report.html", "export/policy.onnx"):
         (run_dir / name).parent.mkdir(exist_ok=True)

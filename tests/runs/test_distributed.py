@@ -162,7 +162,7 @@ def test_what_one_finds_wrong_both_end_for(start_two, tmp_path):
     (tmp_path / "taken" / "config.yaml").write_text("")
     codes, told = ends(start_two(*QUICK, "seeds=2", f"run_dir={tmp_path / 'taken'}"))
     assert codes == [2, 2], told
-    assert "holds a run already" in told[0][1]
+    assert "already holds a run" in told[0][1]
     assert told[1][1] == ""
 
 

@@ -55,7 +55,7 @@ def test_a_single_state_is_saved_too(states, tmp_path):
     one = jax.tree.map(lambda x: x[0], states)
     hitmdp_jax.save(tmp_path / "run", AGENT, one)
     assert hitmdp_jax.load(tmp_path / "run").normalizer.mean.shape == (1,)
-    with pytest.raises(UsageError, match="holds a run already"):
+    with pytest.raises(UsageError, match="already holds a run"):
         hitmdp_jax.save(tmp_path / "run", AGENT, one)
     hitmdp_jax.save(tmp_path / "run", AGENT, one, overwrite=True)
 

@@ -92,7 +92,7 @@ class Suite:
         from hitmdp_jax.physics import DEFAULT_ENGINE, find_engine
 
         if find_engine(physics).name != DEFAULT_ENGINE and self.own_physics:
-            raise UsageError(f"{name} brings its own physics: physics must stay at its default.")
+            raise UsageError(f"{name} has its own physics: physics must stay at its default.")
 
     @property
     def installed(self) -> bool:
