@@ -15,7 +15,7 @@ COMMANDS = {
 
 
 def usage() -> str:
-    """Return what can be done, a line each."""
+    """Return the list of commands, one per line."""
     lines = [f"  {name:<10} {does}" for name, does in COMMANDS.items()]
     return "\n".join(
         ["usage: hitmdp COMMAND ...", "", *lines, "", "hitmdp COMMAND --help says more."]

@@ -19,7 +19,7 @@ def is_positive_whole(x: Any) -> bool:
 
 
 def fault_of_whole(values: tuple[Any, ...], wanted: str, most: float = MOST) -> str:
-    """Return what positive whole numbers should have been, or nothing where they are valid."""
+    """Return which values positive whole numbers may have, or nothing if they are valid."""
     if not all(map(is_positive_whole, values)):
         return wanted
     return f"{wanted}, at most {most:,}" if max(values) > most else ""

@@ -19,7 +19,7 @@ def available_cores() -> int:
 
 
 def versions() -> list[str]:
-    """Return what the package and those it stands on are called and numbered, and the device."""
+    """Return the names and versions of this package and of those it needs, and the device."""
     found = [f"{name} {importlib.metadata.version(name)}" for name in PACKAGES]
     device = jax.devices()[0]
     kind = processor() if device.platform == "cpu" else device.device_kind
@@ -27,7 +27,7 @@ def versions() -> list[str]:
 
 
 def processor() -> str:
-    """Return what the machine's processor is called."""
+    """Return the name of the machine's processor."""
     lines = CPU_INFO.read_text().splitlines() if CPU_INFO.is_file() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor() or platform.machine()

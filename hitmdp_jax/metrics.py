@@ -78,7 +78,7 @@ REWARD_TERM = Metric("a term of the task's reward, or whatever else the task rep
 
 
 def describe(name: str) -> Metric:
-    """Return what a name means; a name outside the vocabulary is the task's own."""
+    """Return the meaning of a metric's name; an unknown name belongs to the task."""
     if name in VOCABULARY:
         return VOCABULARY[name]
     patterns = (metric for key, metric in VOCABULARY.items() if fnmatch.fnmatchcase(name, key))

@@ -46,7 +46,7 @@ def check_tree(folder: Path) -> None:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return what a file holds.
+    """Return the content of a file.
 
     Raises:
       OSError: it cannot be read, or is a pipe or a device.
@@ -73,7 +73,7 @@ def read_text(path: Path) -> str:
 
 
 def read_yaml(path: Path) -> Any:
-    """Return what a YAML file holds: words, numbers, true, false, null, and lists and mappings.
+    """Return the content of a YAML file: words, numbers, true, false, null, lists and mappings.
 
     A date is a word. What makes a small file endless (aliases, deep nesting) is refused, and so are
     words with control characters, which would reach a terminal.
@@ -85,7 +85,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(text: str, path: Path) -> Any:
-    """Return what the YAML that a file holds stands for; Raises as `read_yaml`."""
+    """Return the value of a file's YAML text; Raises as `read_yaml`."""
     try:
         return yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
@@ -115,7 +115,7 @@ class _Loader(yaml.SafeLoader):
         return node
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:
-        """Return what a node stands for; whatever is wrong with it has its place."""
+        """Return the value of a node; errors name the place in the file."""
         mark = node.start_mark
         if node.tag not in PLAIN:
             problem = f"the tag '{node.tag}' stands for something that no setting is"

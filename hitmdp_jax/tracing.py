@@ -9,7 +9,7 @@ import numpy as np
 
 
 def traced(function: Callable[..., Any], *args: Any) -> Any:
-    """Return what a function returns, its arrays as `jax.ShapeDtypeStruct`, the rest as it is.
+    """Return a function's result, uncomputed: `jax.ShapeDtypeStruct` in place of arrays.
 
     What the function raises is raised as it is. `args` are arrays, or shapes and types of arrays.
     """

@@ -84,7 +84,7 @@ def _limits(field: dataclasses.Field) -> dict[str, Any]:
 
 
 def _fault_of_number(value: Any, low: float, high: float, infinite: bool, positive: bool) -> str:
-    """Return what a float hyperparameter should have been, or nothing where it is valid."""
+    """Return which values a float hyperparameter may have, or nothing if its value is valid."""
     above = " above 0" if positive else f" from {low:g}" if low > -math.inf else ""
     bounded = infinite or high < math.inf
     wanted = f"a number{above} to {high:g}" if bounded else f"a finite number{above}"

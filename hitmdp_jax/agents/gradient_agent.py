@@ -176,7 +176,7 @@ class ScaledAgent(ClippedAgent):
         return ScaledState(new.params, new.opt_state, jnp.ones((), jnp.float32))
 
     def bonus(self, advantage: jax.Array) -> jax.Array:
-        """Return what a loss weighs an entropy with [T, B], beside that advantage standardised.
+        """Return the weight [T, B] of an entropy in a loss that has the standardised advantage.
 
         The entropy in the reward carries what actions do to later entropies, and not its own
         gradient (docs/errata.md, 16).

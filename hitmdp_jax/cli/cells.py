@@ -191,7 +191,7 @@ def _best(run: Summary) -> int:
 
 
 def finished(run_dir: Path, settings: Sequence[str]) -> published.Cell:
-    """Return what is kept of a finished run, once its policies are scored."""
+    """Return the results of a finished run that are kept, after its policies are scored."""
     config = RunConfig.load(run_dir)
     metrics = read_metrics(run_dir, len(config.trainings))
     run = summarize(config, metrics)

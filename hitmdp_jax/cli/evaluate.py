@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def simulated_by(task: Task, engine: str) -> str:
-    """Return what simulated a task: the engine, or `OWN` where the task brings its own physics."""
+    """Return the engine that simulated a task, or `OWN` if the task has its own physics."""
     return engine if engine == "gymnasium" or has_model(task_env(task, engine)) else OWN
 
 
@@ -129,7 +129,7 @@ def rows_of(
     engine: str,
     deterministic: bool,
 ) -> list[dict[str, Any]]:
-    """Return what is written of the trainings' scores, a row each."""
+    """Return the scores of the trainings as rows, one per training."""
     rows = []
     for of_one, training in zip(scores, trainings, strict=True):
         returns, error = of_one.returns, of_one.standard_error

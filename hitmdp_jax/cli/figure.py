@@ -89,7 +89,7 @@ def _drawn(entry: Entry, arguments: argparse.Namespace) -> Figure:
 
 
 def analysis_of(arguments: argparse.Namespace) -> OptionAnalysis:
-    """Return what the options of a policy do, on the task that it was trained on last.
+    """Return the analysis of a policy's options on the task that it was trained on last.
 
     Raises:
       UsageError: the run names no task, has no options, or no such seed or checkpoint.

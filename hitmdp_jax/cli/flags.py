@@ -30,7 +30,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def parsed(command: str, words: Sequence[str]) -> argparse.Namespace:
-    """Return what the words after a command's name say; each RUN_DIR is a run's folder.
+    """Return the parsed arguments of a command; each RUN_DIR is a run's folder.
 
     `latest` stands for the newest run under runs/, and which one that is is said on stderr.
 

@@ -42,7 +42,7 @@ def text(settings: Settings) -> str:
 
 
 def meanings(settings: Settings, job: list[str]) -> dict[str, str]:
-    """Return what each group and each setting of a job means, by name.
+    """Return the meaning of each group and each setting of a job, by name.
 
     Files of one's own, and tasks of other libraries, do not say what theirs mean.
     """

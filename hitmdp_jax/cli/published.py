@@ -45,7 +45,7 @@ class Places(NamedTuple):
 
 
 def read_cells(results: Path, tasks: Iterable[str], trust: bool = False) -> published.Cells:
-    """Return what is published of some tasks; args and Raises as `published.read`."""
+    """Return the published results of some tasks; args and Raises as `published.read`."""
     return {task: published.read(results / task, trust) for task in tasks}
 
 

@@ -42,7 +42,7 @@ def defaults(name: str) -> dict[str, Any]:
 
 
 def keywords(name: str) -> dict[str, str]:
-    """Return what a task's keywords mean, by keyword, as the documentation of its class says.
+    """Return the meanings of a task's keywords, by keyword, from the docstring of its class.
 
     Where it says nothing, as another library's does, the class is imported for the keywords alone.
     """
@@ -56,7 +56,7 @@ def keywords(name: str) -> dict[str, str]:
 
 
 def _explained(module: str, class_name: str) -> Iterator[dict[str, str]]:
-    """Yield what a class explains under "Args", then what those above it do that it points to."""
+    """Yield the text under "Args" of a class, then that of the parent classes it points to."""
     spec = importlib.util.find_spec(module)
     assert spec is not None
     assert spec.origin is not None

@@ -49,7 +49,7 @@ def check_task(env: Any, name: str) -> None:
 
 
 def _fault_of_sizes(env: Any) -> str | None:
-    """Return what is wrong with what the task says of itself, or None."""
+    """Return what is wrong with the task's own description, or None."""
     own = getattr(env, "spec", None)
     for attribute, whose in OTHERS.items():
         if hasattr(env, attribute) and own is None and not hasattr(env, "action_size"):
@@ -75,7 +75,7 @@ def _fault_of_sizes(env: Any) -> str | None:
 
 
 def _fault_of_arrays(env: Any) -> str | None:
-    """Return what is wrong with what reset and step return, or None."""
+    """Return what is wrong with the results of reset and step, or None."""
     state = traced(_reset_of(env), jax.random.key(0))
     if missing := [part for part in PARTS if not hasattr(state, part)]:
         return (
@@ -144,7 +144,7 @@ def _fault_of_observation(env: Any, obs: Any) -> str | None:
 
 
 def _fault_of_parts(obs: Mapping[Any, Any], own: Observation | None) -> str | None:
-    """Return what is wrong with an observation of several arrays by name, or None."""
+    """Return what is wrong with an observation that is a dictionary of arrays, or None."""
     for name, x in obs.items():
         if not isinstance(name, str):
             return f"its observation's part {name!r} must be called by a string"

@@ -73,7 +73,7 @@ class Observation:
 
 
 def observation_of(obs: Any) -> Observation:
-    """Return what an observation is, a shape or several by name, as `jax.eval_shape` gives it."""
+    """Return the description of an observation, given its shapes as `jax.eval_shape` gives them."""
     if not isinstance(obs, Mapping):
         return Observation(tuple(obs.shape), obs.dtype.name)
     parts = tuple((name, tuple(obs[name].shape)) for name in sorted(obs))
@@ -211,7 +211,7 @@ class Spec:
 
     @classmethod
     def from_dict(cls, known: dict[str, Any]) -> "Spec":
-        """Return what `to_dict` was made of."""
+        """Return the object that `to_dict` was called on."""
         parts = {name: _with_tuples(known[name]) for name in ("observation", "action")}
         kind = Discrete if "n" in parts["action"] else Box
         return cls(
@@ -223,7 +223,7 @@ class Spec:
 
 
 def spec_of(env: Any) -> Spec:
-    """Return what a task says of itself.
+    """Return a task's description of itself.
 
     Args:
       env: a task of Brax's interface, unbatched. It may bring a `spec` of its own;
@@ -251,7 +251,7 @@ def _name(part: Any, word: str, shape: tuple[int, ...]) -> None:
 
 
 def _with_tuples(known: Any) -> Any:
-    """Return what JSON holds, with tuples for its lists."""
+    """Return a value read from JSON, with tuples in place of its lists."""
     if isinstance(known, list):
         return tuple(map(_with_tuples, known))
     if isinstance(known, dict):

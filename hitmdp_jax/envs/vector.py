@@ -108,7 +108,7 @@ class VectorEnv:
         )
 
     def observation(self, state: VectorState) -> jax.Array:
-        """Return what the environments show now, [B, O]."""
+        """Return the current observations of all environments, [B, O]."""
         return self.spec.observation.flat(state.env.obs)
 
     def refill(self, state: VectorState, key: jax.Array) -> VectorState:

@@ -96,7 +96,7 @@ def _task(cells: Mapping[str, Cell]) -> Parts:
 
 
 def _named(run: str, settings: Mapping[str, _Any]) -> dict[str, _Any]:
-    """Return what is known of a run's settings, by the name of the run and the setting."""
+    """Return the values of a run's settings, by the names of the run and of the setting."""
     return {f"{run}, {setting}" if setting else run: x for setting, x in settings.items()}
 
 

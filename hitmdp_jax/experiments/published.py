@@ -41,7 +41,7 @@ class Cell:
     curves: Columns  # `env_steps` and `episode_return`, [R, points] each
 
     def stands_for(self, config: RunConfig) -> list[str]:
-        """Return what tells the cell from a run of these settings; more seeds do not."""
+        """Return how the cell's settings differ from these; more seeds are no difference."""
         mine = self.summary.config
         seeds = min(config.seeds, mine.seeds)
         return dataclasses.replace(config, seeds=seeds).differences(
@@ -119,7 +119,7 @@ def _settle(folder: Path) -> None:
 
 
 def read(folder: Path, trust: bool = False) -> dict[str, Cell]:
-    """Return what is published of a task by arm; nothing where there is nothing.
+    """Return the published results of a task by arm; empty if there are none.
 
     Args:
       folder: the task's.

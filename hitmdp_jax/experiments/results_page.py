@@ -87,7 +87,7 @@ def page(experiments: Mapping[str, Experiment], cells: Cells, pictures: Mapping[
 
 
 def section(name: str, experiment: Experiment, cells: Cells, picture: str | None = None) -> str:
-    """Return what is told of one experiment: a table a task, what is missing, and the commands.
+    """Return the section about one experiment: tables of each task, what is missing, commands.
 
     Args:
       name: the experiment's.
@@ -134,7 +134,7 @@ def shown(experiment: Experiment, cells: Cells) -> dict[str, dict[str, Cell]]:
 
 
 def task_table(experiment: Experiment, task: str, cells: Mapping[str, Cell]) -> Rows:
-    """Return what an experiment's arms did on a task as rows of text, the header first."""
+    """Return the results of an experiment's arms on a task as rows of text, the header first."""
     runs = {arm: cell.summary for arm, cell in cells.items()}
     if len(runs) == 1 and (swept := next(iter(runs.values()))).swept:
         settings = swept.by_setting()
@@ -168,7 +168,7 @@ def used_options(swept: Summary, settings: Mapping[str, Summary]) -> list[list[s
 
 
 def commands(runs: Mapping[str, Summary]) -> tuple[Rows, Rows]:
-    """Return what made each cell, and the versions and machines that the first numbers.
+    """Return the command of each cell, and the versions and machines, numbered in the first.
 
     Args:
       runs: name -> what is known of a run.

@@ -102,7 +102,7 @@ def program_of(policy: Policy) -> Program:
 
 
 def _decided(policy: Policy, obs: jax.Array, memory: Any) -> dict[str, Any]:
-    """Return what comes out for raw observations [B, ...], and the new memory."""
+    """Return the outputs for raw observations [B, ...], and the new memory."""
     agent, params, seen = policy.agent, policy.params, policy.normalized(obs)
     key = jax.random.key(0)  # which nothing is drawn by
     decided = policy.decide(policy.flat(obs), memory, key, True)
@@ -157,7 +157,7 @@ def to_onnx(program: Program) -> tuple[bytes, dict[str, str]]:
 
 
 def contract(program: Program, policy: Policy) -> dict[str, Any]:
-    """Return what a caller of a program must know.
+    """Return the contract of a program: what its caller must know.
 
     Of what the policy remembers it says what an episode starts with: `initial` is that value, or
     one example where an episode draws it at random.
@@ -186,5 +186,5 @@ def _described(name: str, x: jax.ShapeDtypeStruct) -> dict[str, Any]:
 
 
 def _name(path: tuple[Any, ...]) -> str:
-    """Return what a part of the memory is called."""
+    """Return the name of a part of the memory."""
     return "_".join(["memory", *(jax.tree_util.keystr((k,), simple=True) for k in path)])

@@ -63,7 +63,7 @@ class Entry:
 
 
 def summaries() -> dict[str, str]:
-    """Return what each figure shows, by name, the paper's first; no figure's file is imported."""
+    """Return each figure's description, by name, the paper's first; imports no figure's file."""
     folders = map(Path, catalogue.__path__)
     files = {path.stem: path for folder in folders for path in folder.glob("[!_]*.py")}
     numbers = {name: int(name.removeprefix("figure")) for name in files if name[-1].isdigit()}

@@ -37,7 +37,7 @@ ALGORITHMS = {name: option_color(k) for k, name in enumerate(NAMES) if name}
 
 
 def ink(color: Any) -> str:
-    """Return what is read on a colour: black or white."""
+    """Return the text colour that is legible on a colour: black or white."""
     return "white" if np.dot(to_rgb(color), (0.2126, 0.7152, 0.0722)) < 0.5 else "black"
 
 

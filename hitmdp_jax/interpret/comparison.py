@@ -66,7 +66,7 @@ def table(
 
 
 def _of_returns(spec: str, window: str) -> dict[str, Tell]:
-    """Return what tells of the returns, by the title of its column."""
+    """Return the functions that write the cells about returns, by the title of the column."""
 
     def iqm(name: str) -> Tell:
         return _known(lambda x: with_interval(interquartile_mean, x, spec=spec), name)
@@ -101,7 +101,7 @@ def _of_policies(spec: str) -> dict[str, Tell]:
 
 
 def _known(tell: Callable[..., str], *names: str) -> Tell:
-    """Return what tells of some columns, and is "-" where a run does not have them."""
+    """Return a function that writes a cell from some columns, "-" if a run lacks them."""
 
     def text(run: Summary) -> str:
         there = all(name in run.columns for name in names)

@@ -201,7 +201,7 @@ def run_in_gymnasium(
 def _decide(
     policy: Policy, obs: jax.Array, memory: Any, key: jax.Array, deterministic: bool
 ) -> tuple[dict[str, Any], Any]:
-    """Return what a policy does for raw observations [N, O], and its new memory."""
+    """Return a policy's decisions for raw observations [N, O], and its new memory."""
     decided = policy.decide(policy.flat(obs), memory, key, deterministic)
     decision = {
         "action": decided.action,
@@ -214,7 +214,7 @@ def _decide(
 def _follow(
     policy: Policy, obs: jax.Array, option: jax.Array, key: jax.Array, deterministic: bool
 ) -> dict[str, Any]:
-    """Return what a policy does for raw observations [N, O] under given options [N]."""
+    """Return a policy's decisions for raw observations [N, O] under given options [N]."""
     _, key_action = jax.random.split(key)  # as every agent with options splits it
     chosen = policy.agent.policy(policy.params, policy.normalized(obs), option)
     action = chosen.mode() if deterministic else chosen.sample(seed=key_action)
@@ -223,7 +223,7 @@ def _follow(
 
 
 def _outcome(policy: Policy, state: State, new_state: State, alive: jax.Array) -> dict[str, Any]:
-    """Return what a step saw and led to, nothing where the episode [N] has ended."""
+    """Return the record of a step, with zeros in episodes [N] that have ended."""
     reached = new_state.metrics.get("success")  # so far; None of tasks without a goal
     several = isinstance(state.obs, Mapping)
     return {
@@ -236,7 +236,7 @@ def _outcome(policy: Policy, state: State, new_state: State, alive: jax.Array) -
 
 
 def _pictured(env: Env, state: State) -> dict[str, Any]:
-    """Return what of a state pictures are made from."""
+    """Return the parts of a state that pictures are made from."""
     if draws_itself(env):
         return {"state": state}
     if model_of(env) is None:

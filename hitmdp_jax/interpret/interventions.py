@@ -134,7 +134,7 @@ def intervene(
 def _returns_and_lengths(
     policy: Policy, env: Env, key: jax.Array, plans: jax.Array, deterministic: bool
 ) -> tuple[jax.Array, jax.Array]:
-    """Return what episodes under plans [M, T, N] add up to, [M, N] each."""
+    """Return the returns and lengths of episodes under plans [M, T, N], [M, N] each."""
 
     def run(plan: jax.Array) -> tuple[jax.Array, jax.Array]:
         how = {"options": plan, "deterministic": deterministic}

@@ -68,7 +68,7 @@ def final_returns(
 
 
 def headline(metrics: Metrics, switch_at: int | None) -> tuple[str, str]:
-    """Return what a run's return is called, and the number with what it stands for.
+    """Return the name of a run's return, and the number with its explanation.
 
     Args are those of `final_reports`, the metrics of the seeds of one setting.
     """

@@ -81,7 +81,7 @@ def summarize(config: RunConfig, metrics: Metrics) -> Summary:
 
 
 def columns_of(config: RunConfig, metrics: Metrics) -> Columns:
-    """Return what is told of each training of a run; returns are those of the training policy.
+    """Return the summary of each training of a run; returns are those of the training policy.
 
     Args:
       config: the run's settings.

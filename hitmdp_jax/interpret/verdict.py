@@ -13,7 +13,7 @@ MOST_EPISODES = 1024  # that a reader is asked to record
 
 
 def verdict(interventions: Interventions) -> list[str]:
-    """Return what the episodes say of the options: of choosing among them, then of each alone.
+    """Return the answers about the options: whether choosing matters, then whether one is enough.
 
     Args:
       interventions: of a policy with several options.
@@ -84,7 +84,7 @@ def _of_one_option(found: Effects, i: int, name: str) -> str:
 
 
 def _size(found: Effects, i: int) -> str:
-    """Return what kind of difference to the policy's own choices row i has.
+    """Return the kind of difference between row i and the policy's own choices.
 
     "none" where all of the difference's interval is negligible; else "less" or "more" where the
     interval excludes zero, and "unclear" where it holds zero.

@@ -88,7 +88,7 @@ def discounted_returns(
 
 
 def deviation(x: jax.Array) -> jax.Array:
-    """Return what `standardize` divides x by: what else a loss weighs x against has its units."""
+    """Return the divisor of `standardize`; other terms of a loss are divided by it, too."""
     return x.std() + 1e-8
 
 

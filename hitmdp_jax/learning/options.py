@@ -162,7 +162,7 @@ def termination_objective(
     memory: OptionMemory,
     regularizer: jax.Array | float,
 ) -> jax.Array:
-    r"""Return what the termination gradient theorem minimises, [N] (Bacon et al. 2017, Thm 2).
+    r"""Return the loss [N] of the termination gradient theorem (Bacon et al. 2017, Thm 2).
 
     .. math::
       \beta_{o_{t-1}}(s_t) \, (Q[s_t, o_{t-1}] - V[s_t] + \xi)

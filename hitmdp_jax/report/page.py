@@ -78,7 +78,7 @@ def drawing(figure: Figure, title: str) -> Markup:
 
 
 def heading(title: str) -> Markup:
-    """Return what stands above a figure."""
+    """Return the text above a figure."""
     return Markup("<h3>{}</h3>").format(title)
 
 

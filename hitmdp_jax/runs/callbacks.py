@@ -56,7 +56,7 @@ def learned(config: RunConfig, progress: Progress) -> Policy:
 
 
 def own_code(config: RunConfig) -> list[OwnCode]:
-    """Return what a run's settings ask for, made and checked, before anything is compiled.
+    """Return the callbacks that a run's settings name, checked before anything is compiled.
 
     Raises:
       UsageError: a class is not there, or is no callback; two share a metric's name; or nobody

@@ -40,7 +40,7 @@ class Progress:
 def items_of(
     trees: dict[str, Any], spec: Spec, task: int, iteration: int, recent_return: float
 ) -> ocp.args.Composite:
-    """Return what a checkpoint is to hold, as Orbax takes it."""
+    """Return the items of a checkpoint in the form that Orbax takes."""
     digests = {item: digest(tree) for item, tree in trees.items()}
     known = None if math.isnan(recent_return) else recent_return
     words = Words(task, iteration, known, spec, digests).to_dict()
@@ -49,12 +49,12 @@ def items_of(
 
 
 def policy_of(state: TrainState) -> dict[str, Any]:
-    """Return what acting needs of a state, and going on: parameters and `STATISTICS`."""
+    """Return the parts of a state that acting and resuming need: parameters and `STATISTICS`."""
     return kept_of(state.learner.params, state.normalizer)
 
 
 def kept_of(params: Any, normalizer: RunningStatisticsState) -> dict[str, Any]:
-    """Return what is kept of a policy."""
+    """Return the parts of a policy that are kept."""
     statistics = normalizer.mean, normalizer.std, count_of(normalizer)
     return {"params": params} | dict(zip(STATISTICS, statistics, strict=True))
 

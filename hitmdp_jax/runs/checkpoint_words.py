@@ -26,7 +26,7 @@ class DamagedError(Exception):
 
 
 def noticing_damage(read: Callable[..., Result]) -> Callable[..., Result]:
-    """Return what reads as given, and raises DamagedError for whatever a torn file leads to."""
+    """Return a reader that raises DamagedError for any error that a torn file leads to."""
 
     @functools.wraps(read)
     def reading(*arguments: Any) -> Result:

@@ -233,7 +233,7 @@ class RunConfig:
         return task if training is None else task | apart(training.swept)[1]
 
     def differences(self, other: "RunConfig") -> list[str]:
-        """Return what would make the two runs' results differ: `name: here, there`, a line each."""
+        """Return the settings that make two runs' results differ, `name: here, there` each."""
         mine, others = (dict(_dotted(config._in_full())) for config in (self, other))
         names = [*mine, *(name for name in others if name not in mine)]
         return [

@@ -50,7 +50,7 @@ def require_run(run_dir: Path) -> None:
 
 
 def members(run_dir: Path) -> list[Path]:
-    """Return what a run left in its folder, the settings last, without which it holds no run."""
+    """Return the files that a run left in its folder, last the settings, which make it a run."""
     names = os.listdir(run_dir)
     return [run_dir / n for pattern in (*FOLDERS, *FILES) for n in fnmatch.filter(names, pattern)]
 

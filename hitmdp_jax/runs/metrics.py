@@ -56,7 +56,7 @@ def read_metrics(run_dir: Path, trainings: int | None = None) -> dict[str, np.nd
 def by_setting(
     config: RunConfig, columns: Mapping[str, np.ndarray]
 ) -> dict[str, dict[str, np.ndarray]]:
-    """Return what is known of a run's trainings setting by setting: their seeds alone compare.
+    """Return a run's metrics by setting: only seeds of one setting can be compared.
 
     Args:
       config: the run's settings.

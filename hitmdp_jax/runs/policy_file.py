@@ -47,7 +47,7 @@ def write_policy(
 
 
 def read_policy(path: Path) -> PolicyFile:
-    """Return what a file holds.
+    """Return the content of a policy's file.
 
     Raises:
       UsageError: it cannot be read, or is not what was written.

@@ -15,7 +15,7 @@ def note_versions(run_dir: Path) -> None:
 
 
 def made_with(run_dir: Path) -> str:
-    """Return what trained a run, on whatever machine it is asked for."""
+    """Return the versions and the machine that trained a run."""
     return "; then ".join(_lines(run_dir)) or "unknown versions"
 
 

@@ -177,7 +177,7 @@ class Run:
         return jax.tree.map(lambda x: x if len(x) == size else x[:size], tree)
 
     def saved(self, progress: Progress) -> Progress:
-        """Return what a checkpoint keeps of where the run stands; all processes are needed."""
+        """Return the progress of the run as a checkpoint keeps it; all processes must call this."""
         assert progress.state is not None
         state = processes.gathered(self.kept(progress.state), self.mesh)
         return dataclasses.replace(progress, state=self.own(state))

@@ -64,7 +64,7 @@ class Schedule:
         return iteration * self.steps_per_iteration
 
     def is_due(self, iteration: int, every: int) -> bool:
-        """Return whether what is done every so many environment steps is due after an iteration.
+        """Return whether a thing done every so many environment steps is due after an iteration.
 
         It is done after whole reports, and at most after each.
         """

@@ -40,7 +40,7 @@ class Start:
         return len(self.learned.leaves["normalizer/mean"])
 
     def of(self, places: np.ndarray) -> dict[str, jax.Array]:
-        """Return what trainings [R] begin with, each with that of its place, and so round again."""
+        """Return the start of trainings [R]: training i takes that of source i, in a cycle."""
         leaves = self.learned.leaves
         return {name: leaves[name][places % self.number] for name in set(self.fit.taken.values())}
 
@@ -49,7 +49,7 @@ class Start:
         return begun(state, self.fit.taken, leaves)
 
     def told(self, state: TrainState) -> str:
-        """Return what is begun with, and what is new, as a line; `state` is of one training."""
+        """Return a line that says what is taken over and what is new; `state`: one training's."""
         of = f"{self.number} trainings" if self.number > 1 else "the training"
         line = f"Begins with {of} in {self.path}, after iteration {self.iteration:,}"
         new = sentence(self.fit, self.learned.spec, state.spec)
@@ -82,7 +82,7 @@ def read_start(path: Path, state: TrainState, parts: tuple[str, ...]) -> Start:
 
 
 def _of_file(file: PolicyFile) -> tuple[int, Learned]:
-    """Return what the file of a policy holds: it never has an optimiser."""
+    """Return the content of a policy's file; it never has an optimiser."""
     known = file.learned
     # How many observations the mean is of, older packages did not note.
     steps = file.settings.get("num_envs", 16) * file.settings.get("rollout_length", 128)

@@ -89,7 +89,7 @@ class StopAtReturn(Callback):
 
 
 def check_callback(callback: Any, name: str) -> Callback:
-    """Return what a run can call, so often and with such metrics as it says.
+    """Return a callback that a run can call, with its period and its metrics.
 
     Raises:
       UsageError: it is no callback, or `every` or `names` of it cannot be used.
@@ -112,7 +112,7 @@ def check_callback(callback: Any, name: str) -> Callback:
 def check_callbacks(
     callbacks: Iterable[tuple[Any, str]], stop_at_return: float | None = None
 ) -> list[Callback]:
-    """Return what a run calls, of callbacks with their names in a sentence.
+    """Return the hooks that a run calls, made from callbacks with their names in messages.
 
     Args:
       callbacks: one's own.

@@ -61,7 +61,7 @@ class Policy(struct.PyTreeNode):
     def act(
         self, obs: Observed, memory: Any, key: jax.Array, deterministic: bool = False
     ) -> Decision:
-        """Return what the policy does for raw observations, as the task gives them.
+        """Return the policy's decision for raw observations, as the task gives them.
 
         Actions are within the range that the task says it clips them to.
 

@@ -31,7 +31,7 @@ class Fit(NamedTuple):
 
 
 def learned_of(source: Any) -> Learned:
-    """Return what a policy, or the state of a training, holds.
+    """Return the contents of a policy or of the state of a training.
 
     Raises:
       UsageError: it is neither.
@@ -71,7 +71,7 @@ def check_parts(parts: Any) -> tuple[str, ...]:
 def fit(
     state: TrainState, learned: Learned, shapes: Mapping[str, Any], parts: Sequence[str]
 ) -> Fit:
-    """Return what of a source fits a training.
+    """Return the parts of a source that fit a training.
 
     Parameters are taken array by array, the normaliser and the optimiser whole or not at all: an
     optimiser that knows some parameters alone would take too large steps along the others.
@@ -134,7 +134,7 @@ def begun(state: TrainState, taken: Mapping[str, str], leaves: Mapping[str, Any]
 
 
 def sentence(fit: Fit, old: Spec, new: Spec) -> str:
-    """Return what is new where a training begins with what another one learned; "" for nothing."""
+    """Return which parts start anew in a training that begins with another one's; "" for none."""
     told = []
     if old.observation != new.observation:
         told.append(_change("what it observes", old.observation, new.observation))

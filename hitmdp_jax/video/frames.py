@@ -56,7 +56,7 @@ class Scene:
         self._dt, self._title = spec_of(env).dt, title
 
     def shown(self, step: int) -> tuple[Any, ...]:
-        """Return what a painter's `paint` takes to draw a step."""
+        """Return the arguments of a painter's `paint` for a step."""
         return jax.tree.map(lambda x: x[step], self._seen)
 
     def moment(self, step: int) -> str:

@@ -33,7 +33,7 @@ class OwnPictures:
 
 
 def painter_of(env: Any, size: tuple[int, int] = SIZE) -> Painter | OwnPictures:
-    """Return what draws a task's states; its `paint` takes what `Scene.shown` gives.
+    """Return a painter of a task's states; its `paint` takes what `Scene.shown` gives.
 
     Raises:
       UsageError: the task cannot be drawn, or nothing can on this machine.

@@ -58,7 +58,7 @@ class Suite:
         return tuple(self.prefix + task for task in self.tasks)
 
     def constructor(self, name: str) -> "Callable[..., Env]":
-        """Return what makes the task of that full name, one of `names()`."""
+        """Return the constructor of the task with that full name, one of `names()`."""
         import hitmdp_jax.quiet_mjx  # noqa: F401  # before the task's module imports Brax
 
         return pkgutil.resolve_name(f"{self.folder}.{self.tasks[name.removeprefix(self.prefix)]}")
@@ -135,7 +135,7 @@ class LibrarySuite(Suite):
     ours: bool = False
 
     def constructor(self, name: str) -> "Callable[..., Env]":
-        """Return what makes the task of that full name, one of `names()`."""
+        """Return the constructor of the task with that full name, one of `names()`."""
         find: Callable[[str], Callable[..., Env]] = super().constructor(name)  # pyright: ignore
         return find(name.removeprefix(self.prefix))
 

@@ -115,7 +115,7 @@ def _events(folder: Path, order: str) -> EventsWriter:
 
 
 def _animation(name: str, gif: bytes) -> Summary:
-    """Return what holds a GIF. tensorboardX's own `video` needs MoviePy to make one."""
+    """Return a summary that holds a GIF. tensorboardX's own `video` needs MoviePy to make one."""
     width, height = struct.unpack_from("<HH", gif, 6)  # GIF89a, Section 18: the logical screen
     shown = Summary.Image(height=height, width=width, colorspace=3, encoded_image_string=gif)
     return Summary(value=[Summary.Value(tag=name, image=shown)])

@@ -110,7 +110,7 @@ class TerminalSink(Sink):
         return table
 
     def _facts(self) -> list[tuple[str, str]]:
-        """Return what is shown: means over the last reports and the seeds of one setting."""
+        """Return the numbers to show: means over the last reports and the seeds of one setting."""
         newest, best = self._recent[-1], self._best()
         speed = self._mean("steps_per_second").sum()  # of all trainings together
         facts = [] if np.isnan(speed) else [("steps/s", f"{speed:,.0f}")]

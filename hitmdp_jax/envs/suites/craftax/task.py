@@ -41,7 +41,7 @@ class CraftaxTask(KeyedTask):
         return jnp.zeros((), bool)
 
     def metrics(self, before: Any, after: Any) -> dict[str, jax.Array]:
-        """Return what was achieved in a step."""
+        """Return the achievements of a step."""
         new = (after.achievements & ~before.achievements).astype(jnp.float32)
         return {f"achieved_{name}": new[i] for i, name in self._achievements}
 

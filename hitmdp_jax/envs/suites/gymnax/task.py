@@ -87,7 +87,7 @@ class KeyedTask(SpecTask):
         return self.observation(obs), state
 
     def observation(self, obs: Any) -> jax.Array:
-        """Return what the task shows for an observation of the library's."""
+        """Return the task's observation, given one of the library's."""
         if self._symbols is None:
             return jnp.asarray(obs)
         return jax.nn.one_hot(obs, self._symbols, dtype=bool)
@@ -97,7 +97,7 @@ class KeyedTask(SpecTask):
         return jnp.asarray(self.task.is_truncated(state, self.params), bool)
 
     def metrics(self, before: Any, after: Any) -> dict[str, jax.Array]:
-        """Return what a step between two of the library's states adds to the report."""
+        """Return the metrics of a step between two of the library's states."""
         return {}
 
 

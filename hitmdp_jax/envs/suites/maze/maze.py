@@ -50,7 +50,7 @@ class MazeEnv(MujocoEnv):
 
     @abc.abstractmethod
     def proprioception(self, data: PhysicsState) -> jax.Array:
-        """Return what the robot feels of itself."""
+        """Return the robot's observation of its own body."""
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw two cells and a place in each: the robot at rest, and the goal."""
@@ -86,7 +86,7 @@ class MazeEnv(MujocoEnv):
     def reward(
         self, before: PhysicsState, after: PhysicsState, action: jax.Array
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
-        """Return what being near the goal is worth."""
+        """Return the reward for being near the goal."""
         dense = jnp.exp(-self._distance(after))
         reward = dense if self.reward_type == "dense" else self._at_goal(after).astype(jnp.float32)
         return reward, {"reward_goal": reward}
