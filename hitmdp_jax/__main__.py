@@ -18,7 +18,7 @@ def usage() -> str:
     """Return the list of commands, one per line."""
     lines = [f"  {name:<10} {does}" for name, does in COMMANDS.items()]
     return "\n".join(
-        ["usage: hitmdp COMMAND ...", "", *lines, "", "hitmdp COMMAND --help says more."]
+        ["usage: hitmdp COMMAND ...", "", *lines, "", "hitmdp COMMAND --help explains a command."]
     )
 
 

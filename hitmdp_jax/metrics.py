@@ -48,7 +48,7 @@ VOCABULARY: dict[str, Metric] = {
     "recent_return": Metric("mean return of a seed's last 100 episodes", "reward", "last"),
     "recent_length": Metric("their mean length", "control steps", "last"),
     # The run.
-    "steps_per_second": Metric("control steps of one seed a second", "1/s", "last"),
+    "steps_per_second": Metric("control steps of one seed per second", "1/s", "last"),
     "diverged": Metric("1 once a seed's parameters are not finite", "seeds", "last"),
     "unstable": Metric("steps in which the simulation was lost", "share of steps"),
     # Options, [K].

@@ -1,23 +1,24 @@
 """Answer a question by an experiment: `hitmdp experiment NAME [name=value ...]`.
 
-An experiment trains arms on tasks with several seeds each, one cell after another, publishes each
-as soon as it is done and prints a table a task, which says whether differences are more than luck.
-What is published is not trained again, seeds beyond those that are follow them (`seeds=16`), what
-was stopped goes on. NAME is one of those below or the path of a YAML file of your own
-(hitmdp_jax/experiments/catalogue/ has examples).
+An experiment trains several arms on several tasks, with several seeds each. An arm is an algorithm
+with its settings. The results of an arm on a task are published as soon as they are there, and a
+table for each task says whether the differences are more than luck. Nothing is trained twice: with
+`seeds=16` only the seeds that are missing are trained, and a stopped experiment continues. NAME is
+one of the names below, or the path of a YAML file of your own (hitmdp_jax/experiments/catalogue/
+has examples).
 
-  tasks=, arms=  name a part of it: `table1 tasks=swimmer arms=mopg,ppo`; an arm may also be
+  tasks=, arms=  a part of the experiment: `table1 tasks=swimmer arms=mopg,ppo`; an arm may also be
                  path/to/file.py:Class, an algorithm of your own
-  results=       the folder of what is published
-  page=          the page about it, in Markdown
-  run_dir=       the folder of the trainings, runs/experiments/NAME
-  --trust        run the files of tasks and algorithms that the experiment or what is published
-                 names and that no command line of yours has named before
+  results=       the folder of the published results
+  page=          the page about the experiment, in Markdown
+  run_dir=       the folder of the trainings (default: runs/experiments/NAME)
+  --trust        execute the Python files that the experiment or the results name, even if no
+                 command line of yours has named them before
 
-`results` draws what is published in `results/` and writes docs/results.md; `curves` draws all of
-its curves, seeds and profiles on one page, results.html. Both take `results=`, `page=` and --trust.
+`results` draws the figures in `results/` and writes docs/results.md. `curves` draws every learning
+curve and seed on one page, results.html. Both take `results=`, `page=` and --trust.
 
-Other settings are those of train.py, for every run: `compare env=hopper arms=mopg,ppo seeds=4`,
+All other settings are those of train.py: `compare env=hopper arms=mopg,ppo seeds=4`,
 `compare experiment=transfer pair=cheetah`, `embedding seed=200 seeds=8`.
 """
 

@@ -45,7 +45,7 @@ def parsed(command: str, words: Sequence[str]) -> argparse.Namespace:
     )
     parser._optionals.title = "flags"  # options are something else here
     add(parser)
-    _switch(parser, "--trust", "run the files of tasks and algorithms that a run names")
+    _switch(parser, "--trust", "execute the Python files of tasks and algorithms that a run names")
     arguments = parser.parse_args(words)
     if command == "figure" and arguments.name not in (names := summaries()):
         raise unknown_name("figure", arguments.name, names)
@@ -73,18 +73,18 @@ def _evaluate(parser: Parser) -> None:
     _checkpoint(parser)
     _whole(parser, "--episodes", "episodes of each seed", default=50)
     _engine(parser, "mjx, native, warp or gymnasium")
-    meaning = "score on this task instead, whose observations and actions have the same sizes"
+    meaning = "score on this task instead; its observations and actions must have the same sizes"
     parser.add_argument("--env", metavar="TASK", help=meaning)
     _deterministic(parser)
-    _switch(parser, "--choices", "score them also where something else chooses their options")
+    _switch(parser, "--choices", "also score them with other ways of choosing options")
     _switch(parser, "--json", "print JSON instead of a table")
 
 
 def _report(parser: Parser) -> None:
     """Write one page about a run, or one that compares several.
 
-    The page is one HTML file that needs no network: the curve of every seed, what each option does,
-    whether options matter, what their embeddings mean, and a video.
+    The page is one HTML file that needs no network. It has the learning curve of every seed, what
+    each option does, whether options matter, what their embeddings mean, and a video.
     """
     _run_dirs(parser, "+", "a run's folder, or several")
     _whole(parser, "--seed", "show this seed's options (default: the median seed's)")
@@ -95,8 +95,8 @@ def _report(parser: Parser) -> None:
 def _video(parser: Parser) -> None:
     """Film a trained run.
 
-    Writes an MP4 of the episodes, one after the other, and beside it a filmstrip of the first one:
-    what the body does under each option.
+    Writes an MP4 of the episodes, one after the other. Beside it, writes a filmstrip of the first
+    episode, which shows what the body does under each option.
     """
     _policy(parser)
     _whole(parser, "--episodes", "episodes to film", default=3)
@@ -106,16 +106,16 @@ def _video(parser: Parser) -> None:
     _switch(
         parser, "--options", "film what each option does by itself, side by side from one state"
     )
-    _switch(parser, "--tensorboard", "write both for TensorBoard too, beside the video")
+    _switch(parser, "--tensorboard", "also write both for TensorBoard, beside the video")
 
 
 def _export(parser: Parser) -> None:
     """Export a policy.
 
-    Writes a policy, with its observation normaliser, as a program that needs nothing of this
-    package, and beside it a contract in JSON: names, shapes and types of what goes in and comes
-    out, the range of actions and the seconds between two of them. The program takes the likeliest
-    option and action, and says how likely the others are.
+    Writes a policy, with its observation normaliser, as a program that does not need this package.
+    Beside it, writes a contract in JSON: names, shapes and types of the inputs and outputs, the
+    range of actions, and the seconds between two actions. The program takes the most likely option
+    and action, and gives the probabilities of the others.
     """
     _policy(parser)
     parser.add_argument("--format", default="onnx", help="onnx or stablehlo (default: onnx)")
@@ -123,21 +123,21 @@ def _export(parser: Parser) -> None:
 
 
 def _figure(parser: Parser) -> None:
-    """Draw one figure, of a trained run or of random option frameworks, and print where it is."""
+    """Draw one figure, of a trained run or of the theory, and print the path of its file."""
     lines = [f"  {name:<13} {line}" for name, line in summaries().items()]
     parser.epilog = "\n".join(["figures:", *lines])
     parser.add_argument("name", metavar="FIGURE", help="one of the figures below")
-    meaning = "a run's folder; several where a figure compares runs, none of random frameworks"
+    meaning = "a run's folder; several if the figure compares runs; none if it needs no run"
     _run_dirs(parser, "*", meaning)
     _whole(
         parser,
         "--seed",
-        "one of the run's seeds (default: its first), or of random ones (0)",
+        "one of the run's seeds (default: its first); without a run, any (0)",
     )
     _whole(parser, "--setting", "one of a sweep's settings (default: the first, 0)")
     _checkpoint(parser)
-    _whole(parser, "--episodes", "episodes to record, where a figure shows episodes (default: 8)")
-    _out(parser, "the file (default: FIGURE.png, in RUN_DIR/figures where there is a run)")
+    _whole(parser, "--episodes", "episodes to record, if the figure shows episodes (default: 8)")
+    _out(parser, "the file (default: FIGURE.png, in RUN_DIR/figures if there is a run)")
 
 
 def _run_dirs(parser: Parser, number: int | str, meaning: str) -> None:
@@ -157,15 +157,15 @@ def _checkpoint(parser: Parser) -> None:
     """Let a command line name a checkpoint, which `policies.load_named` reads."""
     meaning = "newest (default), best, or an iteration"
     parser.add_argument("--checkpoint", metavar="WHICH", help=meaning)
-    _whole(parser, "--task", "of a transfer, 0 or 1 (default: that of the newest checkpoint)")
+    _whole(parser, "--task", "which task of a transfer, 0 or 1 (default: the newest checkpoint's)")
 
 
 def _deterministic(parser: Parser) -> None:
-    _switch(parser, "--deterministic", "take the likeliest option and action")
+    _switch(parser, "--deterministic", "take the most likely option and action at every step")
 
 
 def _engine(parser: Parser, engines: str) -> None:
-    meaning = f"what simulates: {engines} (default: what the run trained in)"
+    meaning = f"the physics engine: {engines} (default: the run's own)"
     parser.add_argument("--engine", help=meaning)
 
 

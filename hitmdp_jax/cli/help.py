@@ -16,13 +16,13 @@ CHOSEN = ("env.name", "algo.name", "second_env")  # by a group
 NAMES = 34  # columns of a setting's name and value
 USAGE = """usage: hitmdp train [-m] [name=value ...]
 
-Train an agent. `python train.py` does the same. A setting that is not named has the value shown;
-env=, algo= and the other groups given beside --help decide which settings are shown.
+Train an agent. `python train.py` does the same. If you do not name a setting, it has the value
+that is shown below. Add env=, algo= and other groups to --help to see the settings of these.
 
 Flags:
-  -m, --multirun  one run for each combination of values that are listed, as algo=mopg,ppo
+  -m, --multirun  one run for each combination of listed values, such as algo=mopg,ppo
   -h, --help      this text
-  --cfg=job       print the settings of a run and end; --hydra-help lists Hydra's other flags
+  --cfg=job       print the settings of a run and stop; --hydra-help lists Hydra's other flags
 """
 
 

@@ -11,7 +11,7 @@ from hitmdp_jax.machine import available_cores
 def native_speed(
     model: mujoco.MjModel, frame_skip: int, num_envs: int = 64, seconds: float = 0.1
 ) -> float:
-    """Measure control steps a second of `num_envs` simulations, without JAX.
+    """Measure control steps per second of `num_envs` simulations, without JAX.
 
     They share every core that the process may use.
     """

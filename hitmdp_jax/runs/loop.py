@@ -189,5 +189,5 @@ def title(run: Run) -> str:
     ]
     if on_cpu and has_model(env) and physics != NativeEngine.name:
         speed = native_speed(env.model, env.physics.frame_skip)
-        parts.append(f"physics=native would step {speed:,.0f} envs a second here")
+        parts.append(f"physics=native would make {speed:,.0f} steps per second here")
     return ", ".join(parts)

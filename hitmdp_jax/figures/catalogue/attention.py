@@ -1,4 +1,4 @@
-"""What the master policy attends to after each option, which is not yet its choice."""
+"""What the master policy attends to after each option, a step towards its choice."""
 
 from textwrap import fill
 

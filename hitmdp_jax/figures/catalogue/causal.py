@@ -1,4 +1,4 @@
-"""What the return changes by where something else chooses the options."""
+"""How the return changes if something else chooses the options."""
 
 import numpy as np
 from matplotlib.figure import Figure

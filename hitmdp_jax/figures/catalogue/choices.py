@@ -1,4 +1,4 @@
-"""How probable the master policy's choice of each option is, after each one."""
+"""How probable each option is as the master policy's next choice, after each option."""
 
 from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""One whole episode, composed of options, as a film above them."""
+"""One whole episode as a film above the options that it consists of."""
 
 from collections.abc import Mapping, Sequence
 

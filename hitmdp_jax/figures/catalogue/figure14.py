@@ -1,4 +1,4 @@
-"""The heaviest dimensions of two options (App. B.3)."""
+"""The dimensions that matter most in two options (App. B.3)."""
 
 import numpy as np
 from matplotlib.figure import Figure

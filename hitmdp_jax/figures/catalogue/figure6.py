@@ -1,4 +1,4 @@
-"""How long options last in training, and how they share the steps (App. B.2)."""
+"""How long options last during training, and how they share the steps (App. B.2)."""
 
 from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""Which options are active in four episodes: the main text's composing patterns."""
+"""Which options are active in four episodes, and in which patterns (main text)."""
 
 from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""How long options last in training, several runs side by side (App. B.2)."""
+"""How long options last during training, for several runs side by side (App. B.2)."""
 
 from collections.abc import Sequence
 

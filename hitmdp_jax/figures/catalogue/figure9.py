@@ -1,4 +1,4 @@
-"""The same as figure8; the paper's has harder tasks."""
+"""The same as figure8; in the paper it shows a harder task."""
 
 from hitmdp_jax.figures.catalogue import figure8
 

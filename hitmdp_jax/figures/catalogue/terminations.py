@@ -1,4 +1,4 @@
-"""How probable it is that options end."""
+"""How probable it is that each option ends."""
 
 from matplotlib.figure import Figure
 
