@@ -79,13 +79,14 @@ def _uri(target: str) -> str:
 
 
 def _copied(target: str, config: MkDocsConfig) -> File:
-    """Return a file of the repository as one of the site; a folder becomes a page of its YAML."""
+    """Return a file of the repository as one of the site; a folder becomes one page."""
     path = ROOT / target
     if not path.is_dir():
         return File.generated(config, _uri(target), abs_src_path=str(path))
     parts = [f"# {target}\n"]
-    for file in sorted(path.rglob("*.yaml")):
-        parts.append(f"## {file.relative_to(path)}\n\n```yaml\n{file.read_text()}```\n")
+    for file in sorted(x for x in path.rglob("*") if x.suffix in (".yaml", ".py")):
+        code = f"```{file.suffix[1:]}\n{file.read_text()}```"
+        parts.append(f"## {file.relative_to(path)}\n\n{code}\n")
     return File.generated(config, _uri(target), content="\n".join(parts))
 
 
