@@ -1,4 +1,4 @@
-"""Environment steps a second of both engines, beside their limits and their peers.
+"""Environment steps per second of both engines, beside their limits and their peers.
 
 `python benchmarks/engine_speed.py` prints a table. `raw` is MuJoCo's own `Batch.step` without JAX,
 the limit of `native`; `envpool` goes through EnvPool's XLA interface (`pip install envpool`), which
@@ -176,7 +176,7 @@ def prepare(name: str, engine: str, num_envs: int) -> Callable[[], Any]:
 
 
 def serve(name: str, engine: str, num_envs: int) -> None:
-    """Answer every number of seconds on standard input with environment steps a second."""
+    """Answer every number of seconds on standard input with environment steps per second."""
     by_mjx = engine in ("mjx", "mjx-full", "brax")
     set_up_host("mjx" if by_mjx else engine.removesuffix("+resets"), num_envs)
     call = prepare(name, engine, num_envs)
@@ -197,7 +197,7 @@ class Worker:
         )
 
     def measure(self, seconds: float) -> float:
-        """Return environment steps a second; NaN once the process has failed."""
+        """Return environment steps per second; NaN once the process has failed."""
         stdin, stdout = self._process.stdin, self._process.stdout
         assert stdin is not None
         assert stdout is not None

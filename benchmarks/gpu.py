@@ -1,6 +1,6 @@
 """What an accelerator makes of it: `python -m benchmarks.gpu` (extra `warp` for its rows).
 
-Environment steps a second of the physics alone, whole trainings of one seed and of many with the
+Environment steps per second of the physics alone, whole trainings of one seed and of many with the
 time to their first update, Brax's PPO on the same card, on its task and on ours, and whether the
 same seed gives the same run. Each row runs in a process of its own, on the first card, or on
 whatever device JAX finds: small sizes try it on a CPU.
@@ -38,7 +38,7 @@ Figures = dict[str, Any]
 
 @dataclasses.dataclass(frozen=True)
 class Size:
-    """How large a training is: environments of each seed, steps an update, samples a minibatch."""
+    """A training's size: environments of each seed, steps per update, samples per minibatch."""
 
     num_envs: int
     rollout_length: int

@@ -1,4 +1,4 @@
-"""Environment steps a second of the suites of other libraries, through ours and in their own loop.
+"""Environment steps per second of other libraries' suites, in our loop and in their own.
 
 `python benchmarks/suites_speed.py` prints a table. `ours` is `VectorEnv` as training has it: it
 draws a pool of fresh states once a rollout, and restarts from it. `own` is what the library itself

@@ -1,8 +1,8 @@
 """Published results: what is kept of finished runs, small enough to lie in the repository.
 
 A task is a folder, `results/<task>`, and each arm that was trained on it a part of its files:
-  seeds.csv     one row a training: its final returns, evaluation and use of options
-  curves.csv    the returns while it trained, at `POINTS` points; one column a training
+  seeds.csv     one row per training: its final returns, evaluation and use of options
+  curves.csv    the returns while it trained, at `POINTS` points; one column per training
   runs.yaml     the settings, the command, the day, versions, hours
   <arm>.policy  that of the seed whose deterministic episodes are best, as they were scored
 An arm is published once, whichever experiments show it.

@@ -1,4 +1,4 @@
-"""The options of an episode in time, one lane an option."""
+"""The options of an episode in time, one lane per option."""
 
 from matplotlib.axes import Axes
 
@@ -9,7 +9,7 @@ LANE = 0.16  # inches of an option's lane
 
 
 def lanes(axes: Axes, episode: Activations, num_options: int) -> None:
-    """Draw an episode's activations, one lane an option."""
+    """Draw an episode's activations, one lane per option."""
     for k in range(num_options):
         here = episode.option == k
         bars = list(zip(episode.start[here], episode.duration[here], strict=True))

@@ -26,7 +26,7 @@ ENGINES = (*PHYSICS, "gymnasium")
 
 @dataclasses.dataclass(frozen=True)
 class Scores:
-    """Undiscounted returns and lengths of whole episodes, one entry an episode."""
+    """Undiscounted returns and lengths of whole episodes, one entry per episode."""
 
     returns: np.ndarray  # [N]
     lengths: np.ndarray  # [N] control steps

@@ -1,4 +1,4 @@
-"""The one summary of a run: what each of its trainings did, a number a column."""
+"""The one summary of a run: what each of its trainings did, one number per column."""
 
 import dataclasses
 import math

@@ -18,7 +18,7 @@ from hitmdp_jax.training.program import Init, Iterate
 from hitmdp_jax.training.state import Hyperparameters, TrainState
 
 # Trainings that a CPU device runs side by side. More are no faster, and need memory for the
-# rollouts of all: 32 seeds of MOPG make as many steps a second in chunks as at once.
+# rollouts of all: 32 seeds of MOPG make as many steps per second in chunks as at once.
 SIDE_BY_SIDE = 8
 
 

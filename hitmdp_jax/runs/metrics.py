@@ -27,7 +27,7 @@ def read_metrics(run_dir: Path, trainings: int | None = None) -> dict[str, np.nd
       trainings: how many the run has, where the arrays' places are to be theirs.
 
     Raises:
-      UsageError: the file cannot be read, a row is not one number a column, or a training has lost
+      UsageError: the file cannot be read, a row has not one number per column, or a training lost
         all its rows.
     """
     needed = ("iteration", "env_steps", "seed")

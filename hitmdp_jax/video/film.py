@@ -22,9 +22,9 @@ from hitmdp_jax.video.pictures import painter_of
 from hitmdp_jax.video.rendering import SIZE
 
 MAX_FPS = 60
-WITHOUT_CLOCK = 8.0  # frames a second of tasks whose steps take no time
+WITHOUT_CLOCK = 8.0  # frames per second of tasks whose steps take no time
 SMALL = (480, 360)  # pixels of the picture of the body in each of several films side by side
-GIF = (320, 10, 10)  # pixels in width, frames a second and seconds of an animated picture
+GIF = (320, 10, 10)  # pixels in width, frames per second and seconds of an animated picture
 
 
 class Timing(NamedTuple):
@@ -149,7 +149,7 @@ def encoder(
     Args:
       path: the file, which appears when it is whole.
       size: width and height, even numbers.
-      fps: frames a second.
+      fps: frames per second.
 
     Raises:
       UsageError: there is no ffmpeg, or it fails.

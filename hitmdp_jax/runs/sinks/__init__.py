@@ -1,4 +1,4 @@
-"""Where a run's metrics go, one file a place."""
+"""Where a run's metrics go, one file per place."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""metrics.csv: one row a report and training."""
+"""metrics.csv: one row per report and training."""
 
 import csv
 import io

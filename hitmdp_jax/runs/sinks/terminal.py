@@ -30,7 +30,7 @@ PARTS = (("KL", "_kl"), ("clipped", "_clip_fraction"), ("entropy", "_entropy"))
 
 
 class TerminalSink(Sink):
-    """Shows progress, speed and what is being learned; a line a record where nobody looks on.
+    """Shows progress, speed and what is being learned; one line per record if nobody watches.
 
     Args:
       total_steps: environment steps of one seed.

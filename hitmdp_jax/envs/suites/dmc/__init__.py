@@ -1,4 +1,4 @@
-"""The DeepMind Control tasks (Tassa et al. 2018): one file a domain."""
+"""The DeepMind Control tasks (Tassa et al. 2018): one file per domain."""
 
 from hitmdp_jax.envs.suites.base import Suite
 
