@@ -49,7 +49,7 @@ def train_into(run_dir: Path, settings: Sequence[str], trust: bool = True) -> in
     # Of a run that is finished it says so. What it is trained for reports on all of them.
     code = train(last_of_each([*where, "report=false"]))
     if code > 128:
-        print(f"Stopped in {run_dir}. The same command goes on from there.")
+        print(f"Stopped in {run_dir}. The same command continues from there.")
         return code
     if code not in (0, 3):  # 3: a seed diverged, and said so
         raise UsageError(f"The run in {run_dir} failed; it stopped there.")

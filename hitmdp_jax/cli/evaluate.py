@@ -115,7 +115,7 @@ def _show(
         table.add_row(*(f"{entry[name]:.6g}" for name in index), *shown, *more)
     console.print(table)
     if choices:
-        table = Table("seed", *choices[0], title="by what chooses the options")
+        table = Table("seed", *choices[0], title="by choice of options")
         for entry, choice in zip(rows, choices, strict=True):
             table.add_row(str(entry["seed"]), *(f"{x:,.1f}" for x in choice.values()))
         console.print(table)

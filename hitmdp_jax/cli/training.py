@@ -58,7 +58,7 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
     processes.check_same("settings", config.to_yaml())
     if resume is not None and processes.told(lambda: is_finished(resume, config.schedule)):
         done = f"{config.schedule.env_steps:,} env steps"
-        print(f"{run_dir} is finished: {done}. A larger total_steps goes on.")
+        print(f"{run_dir} is finished: {done}. A larger total_steps continues it.")
         return 0
     if resume is not None and processes.told(lambda: has_reached(resume, config)):
         reached = f"has reached stop_at_return = {config.stop_at_return:g}"
@@ -101,12 +101,12 @@ def _run(run: Run, run_dir: Path, resume: bool, report: bool, own: Sequence["Hoo
     _draw(run.config, run_dir)
     for training, (iteration, cause) in outcome.diverged.items():
         print(
-            f"{training.name} diverged at iteration {iteration}, when its {cause} ceased to be "
+            f"{training.name} diverged at iteration {iteration}, when its {cause} was no longer "
             "finite; it keeps what it had learned before.",
             file=sys.stderr,
         )
     if outcome.signum:
-        print(f"resume={run_dir} goes on exactly from there.")
+        print(f"resume={run_dir} continues exactly from there.")
     elif report:
         _report(run.config, run_dir)
     return code

@@ -81,7 +81,9 @@ def check_sweep(
         _check_values(str(name), values, samples)
     settings = samples or math.prod(map(len, sweep.values()))
     if settings > MOST_SETTINGS:
-        raise UsageError(f"The sweep has {settings:,} settings; at most {MOST_SETTINGS:,} will do.")
+        raise UsageError(
+            f"The sweep has {settings:,} settings; at most {MOST_SETTINGS:,} are allowed."
+        )
 
 
 def _check_values(name: str, values: Any, samples: int | None) -> None:

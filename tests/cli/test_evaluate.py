@@ -68,7 +68,7 @@ def test_other_choices_of_options_are_scored_too(evaluated, run_dir):
     assert row["own_choices"] == pytest.approx(row["return"])  # the same episodes
     assert row["worst_option"] <= row["best_option"]
     assert len(rows_of(run_dir, "evaluations.csv")) == before + 1
-    assert "by what chooses the options" in evaluated(*arguments)
+    assert "by choice of options" in evaluated(*arguments)
 
 
 def test_another_task_of_the_same_sizes(evaluated, run_dir, tmp_path):

@@ -136,7 +136,7 @@ def test_ctrl_c_reaches_the_training_which_saves_and_goes_on_later(command, tmp_
     with signal_after_rows(signal.SIGINT, run_dir):
         result = command("experiment", *settings)
     assert result.returncode == 130, result.stderr
-    assert f"Stopped in {run_dir}. The same command goes on from there." in result.stdout
+    assert f"Stopped in {run_dir}. The same command continues from there." in result.stdout
     (saved,) = saved_iterations(run_dir)
     rows = rows_of(run_dir)
     assert int(rows[-1]["iteration"]) == saved

@@ -318,7 +318,7 @@ def test_a_sweep_checks_every_job_first_and_resumes(command, tmp_path):
 
 def assert_frozen_and_told(result, run_dir):
     assert result.returncode == 3, result.stderr
-    assert "seed 0 diverged at iteration 2, when its loss ceased to be finite" in result.stderr
+    assert "seed 0 diverged at iteration 2, when its loss was no longer finite" in result.stderr
     rows = rows_of(run_dir)
     assert [row["diverged"] for row in rows] == ["0", "1", "1"]
     assert [row["value_loss"] == "" for row in rows] == [False, True, True]
