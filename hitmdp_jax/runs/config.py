@@ -243,13 +243,20 @@ class RunConfig:
         ]
 
     def _in_full(self) -> dict[str, Any]:
-        """Return the settings with the tasks' keywords that an older package did not have yet."""
+        """Return the settings with those of tasks and algorithm that an older package lacked.
+
+        What is new takes its default, by which nothing changes.
+        """
+        algo = {
+            field.name: list(field.default) if isinstance(field.default, tuple) else field.default
+            for field in hyperparameters_of(find_agent(str(self.algo["name"])))
+        }
         tasks = {
             name: {"action_repeat": 1} | defaults_of(check_env(**task)) | task
             for name in ("env", "second_env")
             if (task := getattr(self, name)) is not None
         }
-        return self.to_dict() | tasks
+        return self.to_dict() | tasks | {"algo": algo | self.algo}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the settings as `from_mapping` takes them."""

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import hitmdp_jax
+from hitmdp_jax.cli.settings import Settings
+from hitmdp_jax.experiments import experiment as catalogue
 from hitmdp_jax.experiments import published
 from hitmdp_jax.experiments.published import Cell, curves_of
 from hitmdp_jax.interpret.summary import summarize
@@ -184,9 +186,24 @@ def test_nothing_is_read_where_nothing_is_published(tmp_path):
 
 def test_published_policies_are_small_and_can_be_loaded():
     files = sorted((CHECKOUT / "results").glob("*/*.policy"))
-    assert len(files) == 17
+    assert len(files) == 18
     for file in files:
         assert file.stat().st_size < 2**20
         policy = hitmdp_jax.load(file)  # which has it act, on shapes
         assert policy.spec.observation.size > 0
         assert all(np.isfinite(x).all() for x in jax.tree.leaves(policy.params))
+
+
+def test_what_is_published_is_of_the_settings_that_its_experiment_has_today():
+    """A cell of each algorithm: else 'hitmdp experiment' would refuse to go on with it."""
+    seen = set()
+    for experiment in catalogue.published().values():
+        for task in experiment.tasks:
+            cells = published.read(CHECKOUT / "results" / task)
+            for arm in cells.keys() & experiment.arms.keys():
+                name = cells[arm].summary.config.algo["name"]
+                if name not in seen:
+                    seen.add(name)
+                    config = Settings(experiment.settings_of(task, arm)).config()
+                    assert cells[arm].stands_for(config) == [], (task, arm)
+    assert {"mopg", "ppo", "dac"} <= seen

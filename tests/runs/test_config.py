@@ -171,6 +171,16 @@ def test_differences_are_named_and_those_beside_the_point_are_not():
     assert one.differences(RunConfig.from_mapping(one.to_dict())) == []
 
 
+@pytest.mark.parametrize("name", sorted(AGENTS))
+def test_a_hyperparameter_that_an_older_run_lacks_has_its_default(name):
+    defaults = {field.name: field.default for field in hyperparameters_of(AGENTS[name])}
+    older = RunConfig.from_mapping(SETTINGS | {"algo": {"name": name, "gamma": 0.5}})
+    newer = dataclasses.replace(older, algo=defaults | {"name": name, "gamma": 0.5})
+    assert newer.differences(older) == older.differences(newer) == []
+    other = dataclasses.replace(newer, algo=newer.algo | {"max_grad_norm": 7.0})
+    assert other.differences(older) == ["algo.max_grad_norm: 7.0 here, 0.5 there"]
+
+
 def test_held_actions_count_as_many_environment_steps():
     env = {"name": "halfcheetah", "action_repeat": 4}
     config = RunConfig.from_mapping(SETTINGS | {"env": env, "total_steps": 100_000})
