@@ -2,13 +2,15 @@
 
 import csv
 import dataclasses
+import json
 import shutil
 import signal
+from pathlib import Path
 
 import pytest
 import yaml
 
-from hitmdp_jax.cli import published
+from hitmdp_jax.cli import cells, published
 from hitmdp_jax.cli.arms import configs_of
 from hitmdp_jax.cli.published import Places
 from hitmdp_jax.errors import UsageError
@@ -59,7 +61,20 @@ def test_a_task_that_cannot_be_read_costs_no_figure(tmp_path):
     assert not (places.results / "table2.png").exists()  # nothing is left to draw
 
 
-def test_a_table_is_trained_published_and_not_trained_again(command, tmp_path, arms_here):
+@pytest.fixture
+def scored_here(command, monkeypatch):
+    """Score arms in this process; those of an own experiment, below, have one of their own."""
+
+    def evaluate(run_dir, *flags):
+        result = command("evaluate", run_dir, "--json", "--trust", *flags, cwd=Path.cwd())
+        assert result.returncode == 0, result.stderr
+        return json.loads(result.stdout)
+
+    monkeypatch.setattr(cells, "_evaluate", evaluate)
+
+
+@pytest.mark.usefixtures("arms_here", "scored_here")
+def test_a_table_is_trained_published_and_not_trained_again(command, tmp_path):
     part = ["tasks=invertedpendulum", "arms=mopg", *SMALL, "total_steps=2048", "seeds=2"]
     arguments = ["table2", *part]
     result = command("experiment", *arguments, cwd=tmp_path)
@@ -102,7 +117,7 @@ def test_a_table_is_trained_published_and_not_trained_again(command, tmp_path, a
 
 
 def test_an_experiment_of_ones_own_is_trained_and_told_on_its_page(command, tmp_path, arms_here):
-    """Its arms are trained in this process; that they have one of their own is tested elsewhere."""
+    """Its arms are trained in this process, and scored in processes of their own."""
     own = {
         "title": "Does discounting matter?",
         "control": "long",
