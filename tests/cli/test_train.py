@@ -252,7 +252,7 @@ def test_a_second_signal_stops_at_once_also_files_that_make_arrays_when_they_are
     process = start("train", *own, "total_steps=1e9", "checkpoint_steps=2048")
     wait_for_rows(tmp_path / "run", 8, process)
     process.send_signal(signal.SIGINT)
-    while "Stopping after this iteration" not in process.stderr.readline():
+    while "Stopping and saving after this iteration" not in process.stderr.readline():
         assert process.poll() is None
     process.send_signal(signal.SIGTERM)
     process.communicate()

@@ -1,9 +1,7 @@
 import os
-import random
 import subprocess
 import sys
 import threading
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +9,6 @@ import numpy as np
 import pytest
 
 from hitmdp_jax.physics import host_call
-from tests.cli.conftest import variables
-
-__all__ = ["variables"]  # a fixture
 
 
 class Sums:
@@ -82,9 +77,6 @@ def test_a_name_keeps_its_first_function(sums):
 DEVICES = """
 import jax, jax.numpy as jnp
 from hitmdp_jax.physics import host_call
-from tests.cli.conftest import variables
-
-__all__ = ["variables"]  # a fixture
 
 jax.config.update("jax_num_cpu_devices", 2)
 
@@ -123,29 +115,22 @@ def test_other_platforms_call_it_on_the_host(sums, monkeypatch):
     assert function.shapes == [(10, 3)]
 
 
-STEP = """
-import jax
-from hitmdp_jax import make_env
-
-env = make_env("hopper", physics="native")
-step = jax.jit(lambda: env.step(env.reset(jax.random.key(0)), jax.numpy.zeros(3)).obs)
-"""
-ANOTHER = """
-jax.config.update("jax_num_cpu_devices", 2)
-seen = []
-jax.monitoring.register_event_listener(lambda event, **_: seen.append(event.split("/")[-1]))
-obs, known = step().tolist(), "cache_misses" not in seen
-jax.jit(lambda x: x + {number!r})(1.0)
-print([known, "cache_misses" in seen, obs])
-"""
-
-
-def test_programs_are_taken_from_the_compilation_cache(variables):
-    """Another process compiles nothing that steps `physics=native`, and what nobody compiled."""
-    here: dict[str, Any] = {}
-    exec(STEP, here)
-    obs = here["step"]().tolist()
-    command = [sys.executable, "-c", STEP + ANOTHER.format(number=random.random())]
-    environment = os.environ | variables
-    out = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert out.stdout == f"{[True, True, obs]}\n", out.stderr
+def test_programs_are_taken_from_the_compilation_cache(tmp_path):
+    """A second process compiles nothing that steps `physics=native`."""
+    code = (
+        "import jax; from hitmdp_jax import make_env;"
+        f"jax.config.update('jax_compilation_cache_dir', {str(tmp_path)!r});"
+        "jax.config.update('jax_persistent_cache_min_compile_time_secs', 0.0);"
+        "hits = []; jax.monitoring.register_event_listener(lambda event, **_: hits.append(event));"
+        "env = make_env('hopper', physics='native');"
+        "step = jax.jit(lambda key: env.step(env.reset(key), jax.numpy.zeros(3)).obs);"
+        "obs = step(jax.random.key(0));"
+        "print('/jax/compilation_cache/cache_misses' in hits, obs.tolist())"
+    )
+    first, second = (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        for _ in range(2)
+    )
+    assert first.stdout.split(" ", 1)[0] == "True"
+    assert second.stdout.split(" ", 1)[0] == "False"
+    assert first.stdout.split(" ", 1)[1] == second.stdout.split(" ", 1)[1]

@@ -125,7 +125,7 @@ def test_another_runs_folder_is_not_taken_for_ones_own(tmp_path):
     (tmp_path / "checkpoints" / "2" / "progress" / "metadata").write_text("")
     assert not is_finished(tmp_path, CONFIG.schedule)
     other = RunConfig(algo={"name": "ppo", "gamma": 0.9}, env={"name": "halfcheetah"}, seeds=2)
-    with pytest.raises(UsageError, match=r"algo.gamma: 0.9 here, None there; seeds: 2 here, 1 the"):
+    with pytest.raises(UsageError, match=r"algo.gamma: 0.9 here, 0.99 there; seeds: 2 here, 1 the"):
         already_there(tmp_path, other)
 
 
