@@ -68,8 +68,8 @@ PAIRS = (
     "tasks that have both arms:"
 )
 TABLES = {  # of a task, each narrow enough for a page: a caption, and its columns' titles
-    "Returns:": re.compile(r"seeds|IQM of.*|minus .*|P\(better\)|paper"),
-    "More about the policies:": re.compile(r".*, IQM|last .*|failed|success|det.*|steps/s|param.*"),
+    "Returns:": re.compile(r"seeds|IQM of.*|minus .*|P\(.*better\)|paper|failed"),
+    "More about the policies:": re.compile(r".*, IQM|last .*|success|det.*|steps/s|param.*"),
     "Options:": re.compile(r"\d+ options?|options, duration|choices|own minus uniform"),
 }
 
