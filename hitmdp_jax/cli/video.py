@@ -21,12 +21,10 @@ from hitmdp_jax.cli.policies import (
     output,
 )
 from hitmdp_jax.envs import engine_for
-from hitmdp_jax.envs.action_repeat import action_repeat_of
 from hitmdp_jax.envs.drawing import can_be_drawn, model_of
-from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.figures.curves import pixels, save
-from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
+from hitmdp_jax.interpret.episodes import Trajectories, most_actions, run_episodes
 from hitmdp_jax.interpret.evaluation import check_episodes, check_fit, task_env
 from hitmdp_jax.interpret.option_use import number_of_options
 from hitmdp_jax.physics import find_engine
@@ -89,8 +87,7 @@ def film_options(path: Path, policy: Policy, env: Any, key: jax.Array, determini
       UsageError: the policy has no options.
     """
     number = number_of_options(policy.agent)
-    steps = -(-spec_of(env).episode_length // action_repeat_of(env))
-    plans = jnp.broadcast_to(jnp.arange(number)[:, None, None], (number, steps, 1))
+    plans = jnp.broadcast_to(jnp.arange(number)[:, None, None], (number, most_actions(env), 1))
 
     def run(plan: jax.Array) -> Trajectories:
         how = {"options": plan, "deterministic": deterministic, "physics": True}

@@ -108,7 +108,7 @@ def run_episodes(
         in_32_bits(policy.initial_memory(key_memory, (num_episodes,))),
         jnp.ones(num_episodes, bool),
     )
-    keys = jax.random.split(key_steps, _most_actions(env))
+    keys = jax.random.split(key_steps, most_actions(env))
     step = functools.partial(_step, policy, env, deterministic, physics)
     (_, _, alive), steps = jax.lax.scan(step, start, (keys, options))
     success = jax.tree.map(lambda x: x.max(axis=0), steps.pop("success"))
@@ -144,7 +144,7 @@ def _step(
     return (new_state, memory, alive & ~new_state.done.astype(bool)), seen
 
 
-def _most_actions(env: Env) -> int:
+def most_actions(env: Env) -> int:
     """Return how many actions a task's time limit lets an episode have."""
     return -(-spec_of(env).episode_length // action_repeat_of(env))
 
