@@ -71,6 +71,11 @@ def ends(pair):
     return [process.returncode for process in pair], told
 
 
+def said(told):
+    """What both printed, as a text: pytest shortens the repr of anything else."""
+    return "\n".join(text for of_one in told for text in of_one)
+
+
 def state_of(run_dir):
     checkpoints = Checkpoints(run_dir, read_only=True)
     try:
@@ -106,7 +111,7 @@ def test_two_processes_stop_together_and_one_goes_on_as_it_would_alone(
     wait_for_rows(run_dir, 3, pair[0])
     pair[1].send_signal(signal.SIGTERM)
     codes, told = ends(pair)
-    assert codes == [143, 143], told
+    assert codes == [143, 143], said(told)
     assert "in 2 processes" in told[0][0]
     assert f"saved in {run_dir}" in told[0][0]
     others = [line for line in told[1][0].splitlines() if not line.startswith("[Gloo]")]
@@ -129,7 +134,7 @@ def test_two_processes_go_on_together_as_one_trains(start_two, command, tmp_path
     begun = start_two(*QUICK, *settings, "total_steps=4096", f"run_dir={run_dir}")
     assert ends(begun)[0] == [0, 0]
     codes, told = ends(start_two(f"resume={run_dir}", "total_steps=8192", "report=false"))
-    assert codes == [0, 0], told
+    assert codes == [0, 0], said(told)
     alone = [] if "data_devices=2" in settings else settings
     assert_alone_ends_alike(command, run_dir, *alone)
 
@@ -147,7 +152,7 @@ def test_a_killed_process_ends_the_other_and_the_run_goes_on_alone(
     pair[killed].kill()
     codes, told = ends(pair)
     assert codes[killed] == -signal.SIGKILL
-    assert codes[1 - killed] == 1, told
+    assert codes[1 - killed] == 1, said(told)
     assert "another one has gone: resume= with the run folder goes on" in told[1 - killed][1]
     saved = max(saved_iterations(run_dir))
     steps = (saved + 1) * 2048
@@ -161,7 +166,7 @@ def test_what_one_finds_wrong_both_end_for(start_two, tmp_path):
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "config.yaml").write_text("")
     codes, told = ends(start_two(*QUICK, "seeds=2", f"run_dir={tmp_path / 'taken'}"))
-    assert codes == [2, 2], told
+    assert codes == [2, 2], said(told)
     assert "already holds a run" in told[0][1]
     assert told[1][1] == ""
 
@@ -169,7 +174,7 @@ def test_what_one_finds_wrong_both_end_for(start_two, tmp_path):
 @pytest.mark.slow
 def test_more_processes_than_work_are_refused(start_two):
     codes, told = ends(start_two(*QUICK))
-    assert codes == [2, 2], told
+    assert codes == [2, 2], said(told)
     assert "2 processes are more than the 1 devices that the run takes; give seeds=2" in told[0][1]
 
 
