@@ -3,12 +3,14 @@
 import shlex
 from pathlib import Path
 
+import hydra
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from omegaconf import OmegaConf
 
 from hitmdp_jax.cli.command_line import command_line
-from hitmdp_jax.cli.settings import Settings
+from hitmdp_jax.cli.settings import Settings, configs
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 OWN_TASK = f"env={EXAMPLES / 'own_task.py'}:Pendulum"
@@ -42,6 +44,16 @@ def read_back(config):
 def test_the_command_of_a_run_leads_to_its_settings(run):
     config = Settings(run).config()
     assert read_back(config) == config
+
+
+@pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
+def test_settings_are_composed_as_hydra_composes_them_in_one_go(run):
+    read = Settings(run)
+    with hydra.initialize_config_dir(str(configs().absolute()), version_base="1.3"):
+        composed = hydra.compose("config", overrides=read.overrides)
+    assert list(read.values().items()) == list(
+        OmegaConf.to_container(composed, resolve=True).items()
+    )
 
 
 VALUES = {
