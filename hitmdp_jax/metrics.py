@@ -17,12 +17,14 @@ class Metric:
     "by episodes" is the mean weighted by the episodes that each value is a mean of. Where nothing
     was measured a value is NaN, which no mean over seeds counts, except where a metric has a
     `cause`: it is always measured, and one that is not finite means that the training diverged.
+    TensorBoard and Weights & Biases show the metrics of a `group` together.
     """
 
     meaning: str
     unit: str = ""
     over_iterations: Literal["mean", "sum", "by episodes", "last"] = "mean"
     cause: Literal["", "loss", "policy"] = ""  # of a divergence, where it is not finite
+    group: Literal["return", "options", "train", "time", "task"] = "train"
 
 
 def of_policy(meaning: str, unit: str) -> Metric:
@@ -32,28 +34,34 @@ def of_policy(meaning: str, unit: str) -> Metric:
 
 VOCABULARY: dict[str, Metric] = {
     # Episodes.
-    "episodes": Metric("whole episodes that ended", "episodes", "sum"),
+    "episodes": Metric("whole episodes that ended", "episodes", "sum", group="return"),
     "episode_return": Metric(
         "undiscounted reward of the whole episodes that ended, of the stochastic training policy",
         "reward",
         "by episodes",
+        group="return",
     ),
-    "episode_length": Metric("their length", "control steps", "by episodes"),
+    "episode_length": Metric("their length", "control steps", "by episodes", group="return"),
     "success": Metric(
         "whole episodes that ended in which the goal was reached",
         "share of episodes",
         "by episodes",
+        group="return",
     ),
-    "step_reward": Metric("mean reward of an action, in whole episodes or not", "reward"),
-    "recent_return": Metric("mean return of a seed's last 100 episodes", "reward", "last"),
-    "recent_length": Metric("their mean length", "control steps", "last"),
+    "step_reward": Metric(
+        "mean reward of an action, in whole episodes or not", "reward", group="return"
+    ),
+    "recent_return": Metric(
+        "mean return of a seed's last 100 episodes", "reward", "last", group="return"
+    ),
+    "recent_length": Metric("their mean length", "control steps", "last", group="return"),
     # The run.
-    "steps_per_second": Metric("control steps of one seed per second", "1/s", "last"),
+    "steps_per_second": Metric("control steps of one seed per second", "1/s", "last", group="time"),
     "diverged": Metric("1 once a seed's parameters are not finite", "seeds", "last"),
-    "unstable": Metric("steps in which the simulation was lost", "share of steps"),
+    "unstable": Metric("steps in which the simulation was lost", "share of steps", group="task"),
     # Options, [K].
-    "option_steps": Metric("actions that each option chose", "actions", "sum"),
-    "option_activations": Metric("times that each option was taken up", "", "sum"),
+    "option_steps": Metric("actions that each option chose", "actions", "sum", group="options"),
+    "option_activations": Metric("times that each option was taken up", "", "sum", group="options"),
     # Policies.
     "action_entropy": of_policy("entropy of the action policy of the option followed", "nats"),
     "option_entropy": of_policy("entropy of P(o_t | s_t, o_{t-1})", "nats"),
@@ -74,7 +82,9 @@ VOCABULARY: dict[str, Metric] = {
     "termination_loss": Metric("beta times the advantage of going on", "return"),
 }
 
-REWARD_TERM = Metric("a term of the task's reward, or whatever else the task reports", "reward")
+REWARD_TERM = Metric(
+    "a term of the task's reward, or whatever else the task reports", "reward", group="task"
+)
 
 
 def describe(name: str) -> Metric:

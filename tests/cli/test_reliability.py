@@ -51,7 +51,7 @@ def test_a_run_killed_twenty_times_ends_as_if_it_had_not_been(start, command, tm
     print(f"{KILLS} kills, {while_writing} of them while a checkpoint was written")
     assert while_writing >= 5
     assert_same_run(whole, killed)
-    steps = [[e.step for e in points(folder, "value/mean")] for folder in (whole, killed)]
+    steps = [[e.step for e in points(folder, "train/value")] for folder in (whole, killed)]
     assert steps[0] == steps[1]
 
 

@@ -109,7 +109,7 @@ def test_resuming_continues_exactly(command, finished, tmp_path):
     assert result.returncode == 0, result.stderr
     assert restore(run_dir).iteration == 8
     assert_same_run(whole, run_dir)
-    events = EventAccumulator(str(run_dir)).Reload().Scalars("value/mean")
+    events = EventAccumulator(str(run_dir)).Reload().Scalars("train/value")
     assert [event.step for event in events] == [2048 * i for i in range(1, 9)]
 
 

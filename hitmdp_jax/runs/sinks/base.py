@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from hitmdp_jax.errors import warn
+from hitmdp_jax.metrics import describe
 
 Values = dict[str, np.ndarray]  # metric -> [S] or [S, K]; NaN where a seed has none
 
@@ -66,3 +67,35 @@ def columns(metrics: Values) -> Iterator[tuple[str, np.ndarray]]:
             yield name, x
         else:
             yield from ((f"{name}_{k}", x[:, k]) for k in range(x.shape[1]))
+
+
+def curves(metrics: Values) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield each metric as columns [S] whose names are `group/name`, for services with curves.
+
+    An option's counts become its share of the steps and how many steps it lasts on average, and
+    divergences and clipping have the names that users of PPO look for: `train/approx_kl_action`.
+    """
+    shown = dict(metrics)
+    if "option_steps" in shown and "option_activations" in shown:
+        steps, activations = shown.pop("option_steps"), shown.pop("option_activations")
+        yield from _of_group("options", {"share": _ratio(steps, steps.sum(-1, keepdims=True))})
+        yield from _of_group("options", {"duration": _ratio(steps, activations)})
+    for name, x in shown.items():
+        yield from _of_group(describe(name).group, {_known_name(name): x})
+
+
+def _of_group(group: str, metrics: Values) -> Iterator[tuple[str, np.ndarray]]:
+    for name, x in columns(metrics):
+        yield f"{group}/{name}", x
+
+
+def _known_name(name: str) -> str:
+    for ending, known in (("_kl", "approx_kl"), ("_clip_fraction", "clip_fraction")):
+        if name.endswith(ending):
+            return f"{known}_{name.removesuffix(ending)}"
+    return name
+
+
+def _ratio(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return x / y, NaN where y is zero."""
+    return np.divide(x, y, out=np.full(x.shape, np.nan), where=np.broadcast_to(y > 0, x.shape))

@@ -14,7 +14,7 @@ from tensorboardX.summary import image, scalar
 
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import EVENTS, SETTINGS, subfolder
-from hitmdp_jax.runs.sinks.base import Sink, Values, columns
+from hitmdp_jax.runs.sinks.base import Sink, Values, curves
 from hitmdp_jax.training.sweep import Training, label
 
 FLUSH_INTERVAL = 5.0  # seconds; every flush waits for the disk
@@ -27,6 +27,8 @@ def open_sink(config: RunConfig, run_dir: Path, resume_after: int) -> "Tensorboa
 
 class TensorboardSink(Sink):
     """Writes events beside metrics.csv, at environment steps of one seed.
+
+    A curve is a mean over seeds; that of `NAME_std` is their standard deviation.
 
     The settings of a sweep have a folder each in `settings/`, which TensorBoard shows as runs.
 
@@ -58,14 +60,14 @@ class TensorboardSink(Sink):
 
     def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
         """Add a point to each curve."""
-        for name, x in columns(metrics):
+        for name, x in curves(metrics):
             for setting, writer in enumerate(self._writers):
                 own = x[self._settings == setting]
                 known = own[~np.isnan(own)]
                 if known.size:
-                    _point(writer, f"{name}/mean", known.mean(), env_steps)
+                    _point(writer, name, known.mean(), env_steps)
                     if len(own) > 1:
-                        _point(writer, f"{name}/std", known.std(), env_steps)
+                        _point(writer, f"{name}_std", known.std(), env_steps)
         if time.monotonic() - self._last_flush > FLUSH_INTERVAL:
             self.flush()
 

@@ -10,7 +10,7 @@ import numpy as np
 from hitmdp_jax.errors import missing_extra
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import WANDB, subfolder
-from hitmdp_jax.runs.sinks.base import Sink, Values, columns
+from hitmdp_jax.runs.sinks.base import Sink, Values, curves
 from hitmdp_jax.training.sweep import Training
 
 
@@ -83,7 +83,7 @@ class WandbSink(Sink):
         """Log what is known."""
         for run, places in self._runs:
             points = {}
-            for name, x in columns(metrics):
+            for name, x in curves(metrics):
                 known = x[places][~np.isnan(x[places])]
                 if known.size:
                     points[name] = float(known.mean())

@@ -18,9 +18,9 @@ def test_means_and_deviations_are_read_back(tmp_path):
     sink.write(1, 2048, METRICS)
     sink.close()
     events = EventAccumulator(str(tmp_path)).Reload()
-    assert events.Scalars("a_metric/mean")[0].value == 1.0
-    assert events.Scalars("a_metric/std")[0].value == 0.5
-    assert events.Scalars("episode_return/mean")[0].step == 2048
+    assert events.Scalars("task/a_metric")[0].value == 1.0
+    assert events.Scalars("task/a_metric_std")[0].value == 0.5
+    assert events.Scalars("return/episode_return")[0].step == 2048
 
 
 def test_resuming_keeps_the_points_before_and_repeats_none(tmp_path):
@@ -34,7 +34,7 @@ def test_resuming_keeps_the_points_before_and_repeats_none(tmp_path):
         sink.write(i, 2048 * i, METRICS)
     sink.close()
     events = EventAccumulator(str(tmp_path)).Reload()
-    assert [e.step for e in events.Scalars("a_metric/mean")] == [2048 * i for i in (1, 2, 3, 4)]
+    assert [e.step for e in events.Scalars("task/a_metric")] == [2048 * i for i in (1, 2, 3, 4)]
 
 
 def test_what_was_flushed_outlives_the_process(tmp_path):
@@ -43,7 +43,7 @@ def test_what_was_flushed_outlives_the_process(tmp_path):
     sink.write(1, 2048, METRICS)
     sink.flush()
     events = EventAccumulator(str(tmp_path)).Reload()
-    assert [e.step for e in events.Scalars("a_metric/mean")] == [2048]
+    assert [e.step for e in events.Scalars("task/a_metric")] == [2048]
     sink.close()
 
 
@@ -55,7 +55,7 @@ def test_the_settings_of_a_sweep_are_runs_of_their_own(tmp_path):
     for i, value in enumerate((0.5, 2.0)):
         folder = tmp_path / "settings" / f"{i},gamma={0.9 + i / 20:.4g}"
         events = EventAccumulator(str(folder)).Reload()
-        assert events.Scalars("a_metric/mean")[0].value == value
+        assert events.Scalars("task/a_metric")[0].value == value
 
 
 def test_settings_that_are_rounded_alike_do_not_share_a_file(tmp_path):
@@ -65,7 +65,7 @@ def test_settings_that_are_rounded_alike_do_not_share_a_file(tmp_path):
     sink.close()
     folders = sorted((tmp_path / "settings").iterdir())
     events = [EventAccumulator(str(folder)).Reload() for folder in folders]
-    assert [e.Scalars("a_metric/mean")[0].value for e in events] == [1.0, 2.0]
+    assert [e.Scalars("task/a_metric")[0].value for e in events] == [1.0, 2.0]
 
 
 def test_pictures_of_one_name_are_a_sequence(tmp_path):

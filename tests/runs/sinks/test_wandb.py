@@ -7,7 +7,11 @@ import wandb
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.sinks import wandb as wandb_sink
 
-METRICS = {"a_metric": np.array([1.0, np.nan]), "option_steps": np.array([[1.0, 2.0], [3.0, 4.0]])}
+METRICS = {
+    "a_metric": np.array([1.0, np.nan]),
+    "option_steps": np.array([[1.0, 2.0], [3.0, 4.0]]),
+    "option_activations": np.array([[1.0, 1.0], [1.0, 1.0]]),
+}
 
 
 SWEEP = {"algo.gamma": [0.9, 0.99]}
@@ -39,6 +43,6 @@ def test_metrics_are_logged_at_environment_steps(tmp_path, monkeypatch, mode, sw
     assert len(files) == len(names)
     for name, known in names.items():
         (logged,) = [data for data in files.values() if name in data]
-        assert b"option_steps_1" in logged
+        assert b"options/share_1" in logged
         # NaN: the second training had no `a`, and a mean over seeds is the first one's.
         assert (b"a_metric" in logged) == known
