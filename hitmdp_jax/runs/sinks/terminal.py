@@ -26,6 +26,16 @@ from hitmdp_jax.training.sweep import label as label_of
 
 WINDOW = 20  # reports that the shown means span, but for the return, which says its own
 PLAIN_INTERVAL = 10.0  # seconds between lines where there is no terminal
+COLUMNS = 80  # of a line where there is no terminal
+RETURN = f"return of the last {RECENT_EPISODES} episodes"
+# What such a line says, as far as it fits: what is shown, and how it is said there.
+IN_A_LINE = {
+    "diverged seeds": "diverged seeds: {}",
+    "unstable physics": "unstable in {}",
+    RETURN: "return {}",
+    "steps/s": "{} per s",
+    "option duration": "options last {}",
+}
 PARTS = (("KL", "_kl"), ("clipped", "_clip_fraction"), ("entropy", "_entropy"))
 
 
@@ -58,6 +68,9 @@ class TerminalSink(Sink):
             TextColumn("{task.description}"),
             BarColumn(bar_width=None),
             MofNCompleteColumn(),
+            TextColumn("{task.percentage:.0f}%, elapsed"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
             TimeRemainingColumn(),
             console=self._console,
             expand=True,
@@ -96,8 +109,7 @@ class TerminalSink(Sink):
             self._live.update(Group(self._progress, self._table()), refresh=True)
         elif time.monotonic() - self._last_line > PLAIN_INTERVAL or env_steps == self._total_steps:
             self._last_line = time.monotonic()
-            facts = "  ".join(f"{name} {value}" for name, value in self._facts())
-            self.message(f"{env_steps:,} of {self._total_steps:,} env steps  {facts}")
+            self.message(self._line(env_steps))
 
     def close(self) -> None:
         """Leave the last picture standing."""
@@ -108,6 +120,14 @@ class TerminalSink(Sink):
         for name, value in self._facts():
             table.add_row(name, value)
         return table
+
+    def _line(self, env_steps: int) -> str:
+        facts = dict(self._facts())
+        line = f"{env_steps:,} steps ({env_steps / self._total_steps:.0%})"
+        for name, said in IN_A_LINE.items():
+            longer = f"{line}, {said.format(facts[name])}" if name in facts else line
+            line = longer if len(longer) <= COLUMNS else line
+        return line
 
     def _facts(self) -> list[tuple[str, str]]:
         """Return the numbers to show: means over the last reports and the seeds of one setting."""
@@ -120,8 +140,7 @@ class TerminalSink(Sink):
         known = returns[~np.isnan(returns)]
         if known.size:
             spread = f" ± {known.std():,.1f} over {known.size} seeds" if known.size > 1 else ""
-            label = f"return of the last {RECENT_EPISODES} episodes"
-            facts.append((label, f"{known.mean():,.1f}{spread}"))
+            facts.append((RETURN, f"{known.mean():,.1f}{spread}"))
         elif "step_reward" in newest:  # of which something is known before an episode has ended
             rewards = self._mean("step_reward")[best]
             facts.append(("mean reward of a step", f"{rewards.mean():,.3f}"))

@@ -41,9 +41,18 @@ def shown(monkeypatch):
 def test_a_record_is_one_line_however_narrow_the_pipe(shown):
     lines = shown(metrics(), metrics()).splitlines()
     assert len(lines) == 2
-    assert lines[-1].startswith("4,096 of 4,096 env steps  steps/s 500  return of the last 100 ep")
-    assert "option usage 75% 25%  option duration 10.0 steps" in lines[-1]
-    assert "KL option 0.010, action 0.020" in lines[-1]
+    assert lines[-1] == "4,096 steps (100%), return 10.0, 500 per s, options last 10.0 steps"
+
+
+def test_a_line_ends_where_the_next_thing_would_not_fit(shown):
+    long = metrics(
+        16,
+        recent_return=np.full(16, -164555.0),
+        diverged=np.eye(16)[0],
+        steps_per_second=np.full(16, 1e4),
+    )
+    (line,) = shown(long, total=1_015_808).splitlines()
+    assert line == ("2,048 steps (0%), diverged seeds: 1, return -164,555.0 ± 0.0 over 16 seeds")
 
 
 def test_one_seed_has_no_deviation_and_several_do(shown):
@@ -55,8 +64,8 @@ def test_what_went_wrong_is_shown(shown):
     lost = metrics(2, diverged=np.array([0.0, 1.0]), unstable=np.array([0.25, np.nan]))
     lost["option_steps"] = np.array([[30.0, 10.0], [np.nan, np.nan]])
     text = shown(lost)
-    assert "diverged seeds 1" in text
-    assert "unstable" in text
+    assert "diverged seeds: 1" in text
+    assert "unstable in 25.00% of steps" in text
     assert "nan" not in text
     assert "diverged" not in shown(metrics())
 
@@ -66,10 +75,13 @@ def test_before_an_episode_ended_no_return_is_shown(shown):
 
 
 def test_a_speed_that_is_not_known_yet_is_not_shown(shown):
-    assert "steps/s" not in shown(metrics(steps_per_second=np.array([np.nan])))
+    assert "per s" not in shown(metrics(steps_per_second=np.array([np.nan])))
 
 
 def test_a_terminal_shows_progress(shown):
     text = shown(metrics(), terminal=True)
     assert "2048/4096" in text
+    assert "50%, elapsed" in text
     assert "option usage" in text
+    assert "75% 25%" in text
+    assert "option 0.010, action 0.020" in text
