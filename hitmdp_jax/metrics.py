@@ -78,6 +78,9 @@ VOCABULARY: dict[str, Metric] = {
     "learning_rate": Metric("Adam's, where it follows the KL", ""),
     "value": Metric("mean value of the states visited, V[s, o_{t-1}] with options", "return"),
     "value_loss": Metric("half the squared error of the critic", "return^2"),
+    "explained_variance": Metric(
+        "1 - Var(target - value) / Var(target): 1 of a perfect critic, 0 of a constant one", "share"
+    ),
     "q_loss": Metric("half the squared error of Q[s, o], where V is fitted as well", "return^2"),
     "termination_loss": Metric("beta times the advantage of going on", "return"),
 }

@@ -200,6 +200,9 @@ class ScaledAgent(ClippedAgent):
         target: str = "value_target",
         critic: str = "critic",
     ) -> tuple[jax.Array, Metrics]:
-        """Return half the squared error of values [N], in a critic's units, and as a metric."""
-        loss = 0.5 * jnp.square(value - data[target]).mean()
-        return loss / jnp.square(params[critic]["scale"]), {"value_loss": loss}
+        """Return half the squared error of values [N], in a critic's units, and metrics of it."""
+        error = value - data[target]
+        loss = 0.5 * jnp.square(error).mean()
+        explained = 1.0 - error.var() / data[target].var()
+        metrics = {"value_loss": loss, "explained_variance": explained}
+        return loss / jnp.square(params[critic]["scale"]), metrics

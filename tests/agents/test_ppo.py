@@ -34,3 +34,13 @@ def test_loss_at_the_old_policy_is_by_hand(key):
 
 def test_remembers_nothing(key):
     assert jax.tree.leaves(PPO().initial_memory(key, (3,))) == []
+
+
+def test_the_explained_variance_is_that_of_the_targets():
+    """A perfect critic explains all of it, a constant one nothing, whatever the constant."""
+    agent = PPO()
+    target = jnp.array([1.0, 2.0, 5.0, -1.0])
+    params, data = {"critic": {"scale": jnp.ones(())}}, {"value_target": target}
+    for value, explained in ((target, 1.0), (jnp.full(4, 9.0), 0.0), (target / 2, 0.75)):
+        _, metrics = agent.value_loss(params, value, data)
+        np.testing.assert_allclose(metrics["explained_variance"], explained, atol=1e-6)
