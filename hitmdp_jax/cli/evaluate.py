@@ -16,6 +16,7 @@ from rich.table import Table
 
 from hitmdp_jax import plugins
 from hitmdp_jax.cli.policies import evaluation_key, load_config, load_named, on_task
+from hitmdp_jax.cli.waiting import working
 from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.interpret.evaluation import (
@@ -74,7 +75,10 @@ def run(arguments: argparse.Namespace) -> None:
         check_fit(everyone.of(0), task_env(task, stepped))
     deterministic = arguments.deterministic
     numbers = {} if arguments.env is not None else numbers_of(trainings)  # of another task: its own
-    scores = score_each(policies, task, engine, arguments.episodes, keys, deterministic, numbers)
+    with working("playing episodes"):
+        scores = score_each(
+            policies, task, engine, arguments.episodes, keys, deterministic, numbers
+        )
     simulator = simulated_by(task, engine)
     rows = rows_of(scores, iteration, task, trainings, simulator, deterministic)
     choices = []
@@ -82,8 +86,9 @@ def run(arguments: argparse.Namespace) -> None:
         for i, key in enumerate(keys):
             own = {name: float(x[i]) for name, x in numbers.items()}
             env = task_env(task | own, engine)
-            analysis = OptionAnalysis(policies.of(i), env, key, arguments.episodes)
-            choices.append(summary(analysis.interventions))
+            with working("playing episodes with other choices of options"):
+                analysis = OptionAnalysis(policies.of(i), env, key, arguments.episodes)
+                choices.append(summary(analysis.interventions))
     if arguments.json:
         both = itertools.zip_longest(rows, choices, fillvalue={})
         print(json.dumps([entry | choice for entry, choice in both], indent=2))

@@ -5,6 +5,7 @@ import json
 import logging
 
 from hitmdp_jax.cli.policies import check_output, load_chosen, load_config, output
+from hitmdp_jax.cli.waiting import working
 from hitmdp_jax.export.program import check_format, export
 from hitmdp_jax.runs.folder import EXPORT, replaced
 from hitmdp_jax.runs.host import set_up_host
@@ -21,7 +22,8 @@ def run(arguments: argparse.Namespace) -> None:
     path = output(arguments, EXPORT, name)
     beside = path.with_name(f"{path.name}.json")
     check_output(path, beside)
-    program, contract = export(choice.policy, arguments.format)
+    with working("exporting the policy"):
+        program, contract = export(choice.policy, arguments.format)
     origin = {
         "task": choice.task if config.tasks else None,
         "algorithm": config.algo["name"],

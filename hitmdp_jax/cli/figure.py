@@ -16,6 +16,7 @@ from hitmdp_jax.cli.policies import (
     output,
 )
 from hitmdp_jax.cli.settings import writable
+from hitmdp_jax.cli.waiting import working
 from hitmdp_jax.errors import UsageError, out_of_domain, warn
 from hitmdp_jax.experiments import tables
 from hitmdp_jax.figures import registry, theorems
@@ -48,7 +49,8 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.out or arguments.run_dirs:
         path = output(arguments, FIGURES, path.name)
     writable("--out", path)  # before any work; the folder is made once there is a figure
-    figure = _drawn(entry, arguments)
+    with working(f"drawing {name}"):
+        figure = _drawn(entry, arguments)
     check_output(path)
     save(figure, path)
     print(path)

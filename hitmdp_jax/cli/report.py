@@ -12,6 +12,7 @@ import numpy as np
 from hitmdp_jax.cli.command_line import command_line
 from hitmdp_jax.cli.policies import evaluation_key
 from hitmdp_jax.cli.settings import writable
+from hitmdp_jax.cli.waiting import working
 from hitmdp_jax.envs import engine_for
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
@@ -56,7 +57,8 @@ def write(
 ) -> None:
     """Write the page about a run; args and Raises as `report`, `out` the file."""
     started = time.perf_counter()
-    content = report(run_dir, config, seed, episodes)
+    with working("writing the report"):
+        content = report(run_dir, config, seed, episodes)
     _save(
         content, out or run_dir / folder.REPORT, f", made in {time.perf_counter() - started:.0f} s"
     )

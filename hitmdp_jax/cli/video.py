@@ -20,6 +20,7 @@ from hitmdp_jax.cli.policies import (
     load_config,
     output,
 )
+from hitmdp_jax.cli.waiting import working
 from hitmdp_jax.envs import engine_for
 from hitmdp_jax.envs.drawing import can_be_drawn, model_of
 from hitmdp_jax.errors import UsageError, warn
@@ -67,10 +68,12 @@ def run(arguments: argparse.Namespace) -> None:
         film_options(path, choice.policy, env, key, arguments.deterministic)
         return
     how = {"deterministic": arguments.deterministic, "physics": True}
-    recorded = jax.device_get(run_episodes(choice.policy, env, key, arguments.episodes, **how))
+    with working("playing episodes"):
+        recorded = jax.device_get(run_episodes(choice.policy, env, key, arguments.episodes, **how))
     for total, steps in zip(recorded.returns, recorded.lengths, strict=True):
         print(f"An episode of {steps:,} steps, return {total:,.1f}.")
-    write_video(path, env, recorded)
+    with working("filming"):
+        write_video(path, env, recorded)
     title = f"{choice.config.title}, {choice.training.name}, {choice.env_steps:,} env steps"
     picture = filmstrip(env, recorded, title=title)
     save(picture, strip, dpi=100)
@@ -93,11 +96,13 @@ def film_options(path: Path, policy: Policy, env: Any, key: jax.Array, determini
         how = {"options": plan, "deterministic": deterministic, "physics": True}
         return run_episodes(policy, env, key, 1, **how)
 
-    recorded = jax.device_get(jax.vmap(run)(plans))
+    with working("playing an episode with each option"):
+        recorded = jax.device_get(jax.vmap(run)(plans))
     films = [jax.tree.map(lambda x, k=k: x[k], recorded) for k in range(number)]
     for k, film in enumerate(films):
         print(f"Option {k} alone: {film.lengths[0]:,} steps, return {film.returns[0]:,.1f}.")
-    write_side_by_side(path, env, films)
+    with working("filming"):
+        write_side_by_side(path, env, films)
     print(f"Saved {path}.")
 
 
