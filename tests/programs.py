@@ -37,3 +37,8 @@ def shapes_of_an_iteration(name: str) -> tuple[Any, Any, Any]:
     )
     before = jax.eval_shape(init, jax.random.key(0))
     return before, *jax.eval_shape(step, before)
+
+
+def types(tree: Any) -> list[tuple[str, Any]]:
+    """Return the type of each array of a tree, with its place."""
+    return [(jax.tree_util.keystr(path), x.dtype) for path, x in jax.tree.leaves_with_path(tree)]

@@ -1,4 +1,7 @@
-"""Nothing depends on JAX's default of 32 or 64 bits: no type, and no number but by rounding."""
+"""Nothing depends on JAX's default of 32 or 64 bits: no type, and no number but by rounding.
+
+Of agents, tests/agents/test_contract.py says so.
+"""
 
 import os
 import subprocess
@@ -11,7 +14,7 @@ import pytest
 
 import hitmdp_jax
 from hitmdp_jax import make_env
-from hitmdp_jax.agents import AGENTS, PPO
+from hitmdp_jax.agents import PPO
 from hitmdp_jax.envs import list_envs
 from hitmdp_jax.envs.vector import VectorEnv
 from hitmdp_jax.interpret.episodes import run_episodes
@@ -19,13 +22,9 @@ from hitmdp_jax.precision import in_32_bits
 from hitmdp_jax.runs.policy import Policy
 from tests.cli.conftest import command, variables
 from tests.probes import QUICK
-from tests.programs import shapes_of_an_iteration
+from tests.programs import types
 
 __all__ = ["command", "variables"]  # fixtures
-
-
-def types(tree):
-    return [(jax.tree_util.keystr(path), x.dtype) for path, x in jax.tree.leaves_with_path(tree)]
 
 
 def in_both(function):
@@ -44,19 +43,6 @@ def test_arrays_of_64_bits_alone_are_changed():
         narrow = in_32_bits(wide + rest)
         assert [str(x.dtype) for x in narrow[:4]] == ["float32", "int32", "uint32", "complex64"]
         assert all(x is y for x, y in zip(narrow[4:], rest, strict=True))
-
-
-@pytest.mark.parametrize("name", sorted(AGENTS))
-def test_every_agent_trains_in_the_same_types(name):
-    """On a task of one's own, of which JAX's default makes 64 bits."""
-
-    def iteration():
-        before, after, metrics = shapes_of_an_iteration.__wrapped__(name)
-        assert types(before) == types(after)
-        return before.replace(rollout=before.rollout.memory), metrics  # without the task's state
-
-    default, wide = in_both(iteration)
-    assert types(wide) == types(default)
 
 
 # What stands for all: a task of each suite and way to start, and one by MJX, whose fields are

@@ -13,9 +13,10 @@ from hitmdp_jax.agents.base import hyperparameters_of
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
 from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.errors import UsageError
+from hitmdp_jax.metrics import REWARD_TERM, describe
 from tests.agents.option_batches import random_params
 from tests.probes import Target, spec_of_sizes
-from tests.programs import compiled, shapes_of_an_iteration
+from tests.programs import compiled, shapes_of_an_iteration, types
 
 SIZES = {"num_envs": 8, "rollout_length": 16}
 
@@ -86,13 +87,28 @@ def test_deterministic_actions_repeat(name):
     np.testing.assert_array_equal(*actions)
 
 
-def test_iteration_keeps_structure_shapes_and_types(name):
+def test_iteration_keeps_structure_shapes_and_types_and_reports_what_has_a_meaning(name):
     before, after, metrics = shapes_of_an_iteration(name)
     assert jax.tree.structure(before) == jax.tree.structure(after)
     assert [(x.shape, x.dtype) for x in jax.tree.leaves(before)] == [
         (x.shape, x.dtype) for x in jax.tree.leaves(after)
     ]
     assert {"episode_return", "episode_length", "episodes"} <= metrics.keys()
+    unknown = {metric for metric in metrics if describe(metric) is REWARD_TERM}
+    assert unknown == {"reward/near"}
+
+
+def test_types_do_not_depend_on_the_default_of_jax(name):
+    """On a task of one's own, of which that default makes 64 bits."""
+    with jax.enable_x64(True):
+        before, after, metrics = shapes_of_an_iteration.__wrapped__(name)
+    assert types(before) == types(after)
+    default, _, metrics_by_default = shapes_of_an_iteration(name)
+    assert types(metrics) == types(metrics_by_default)
+    wide, narrow = (  # without the task's state
+        types(x.replace(rollout=x.rollout.memory)) for x in (before, default)
+    )
+    assert wide == narrow
 
 
 @functools.cache

@@ -63,7 +63,7 @@ def test_a_task_that_cannot_be_read_costs_no_figure(tmp_path):
 
 @pytest.fixture
 def scored_here(command, monkeypatch):
-    """Score arms in this process; those of an own experiment, below, have one of their own."""
+    """Score arms in this process; that of an own experiment, below, has one of its own."""
 
     def evaluate(run_dir, *flags):
         result = command("evaluate", run_dir, "--json", "--trust", *flags, cwd=Path.cwd())
@@ -117,8 +117,19 @@ def test_a_table_is_trained_published_and_not_trained_again(command, tmp_path):
     assert "was published with other settings (algo.gamma: 0.9 here, 0.99 there)" in other.stderr
 
 
-def test_an_experiment_of_ones_own_is_trained_and_told_on_its_page(command, tmp_path, arms_here):
-    """Its arms are trained in this process, and scored in processes of their own."""
+def test_an_experiment_of_ones_own_is_trained_and_told_on_its_page(
+    command, tmp_path, arms_here, monkeypatch, request
+):
+    """Its arms are trained in this process. The first is scored in a process of its own."""
+    in_another_process = cells._evaluate
+    request.getfixturevalue("scored_here")
+    in_this_process, scored = cells._evaluate, []
+
+    def evaluate(run_dir, *flags):
+        scored.append(run_dir)
+        return (in_this_process if scored[1:] else in_another_process)(run_dir, *flags)
+
+    monkeypatch.setattr(cells, "_evaluate", evaluate)
     own = {
         "title": "Does discounting matter?",
         "control": "long",

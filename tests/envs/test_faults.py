@@ -14,7 +14,8 @@ LOST = 3
 
 
 @pytest.fixture(
-    scope="module", params=[("halfcheetah", "native"), ("ant", "native"), ("reacher", "mjx")]
+    scope="module",
+    params=[("halfcheetah", "native"), ("ant", "native"), ("dmc/cartpole_balance", "mjx")],
 )
 def batch(request):
     """Return the compiled step, the states of 8 environments and their actions."""

@@ -15,6 +15,7 @@ from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.export.program import FORMATS, export
 from hitmdp_jax.runs.policy import Policy
+from tests.agents.option_batches import normal, random_params
 
 READS = {"ppo": {"action_reads": ("body",)}}  # its policy has the columns of a part alone
 
@@ -22,21 +23,10 @@ READS = {"ppo": {"action_reads": ("body",)}}  # its policy has the columns of a 
 @functools.cache
 def policy_of(name):
     """A policy for the pendulum whose parameters are all drawn, so that each of them matters."""
-
-    @jax.jit
-    def make(key):
-        agent = AGENTS[name](hidden_sizes=(8,), spec=spec_of(pendulum()), **READS.get(name, {}))
-        keys = jax.random.split(key, 4)
-        params = agent.init(keys[0], agent.spec).params
-        leaves, structure = jax.tree.flatten(params)
-        drawn = [
-            x + 0.7 * jax.random.normal(k, x.shape)
-            for x, k in zip(leaves, jax.random.split(keys[1], len(leaves)), strict=True)
-        ]
-        mean, std = 0.1 * jax.random.normal(keys[2], (4,)), jax.random.uniform(keys[3], (4,)) + 0.1
-        return Policy(agent, jax.tree.unflatten(structure, drawn), NestedMeanStd(mean, std))
-
-    return make(jax.random.key(1))
+    agent = AGENTS[name](hidden_sizes=(8,), spec=spec_of(pendulum()), **READS.get(name, {}))
+    draw = np.random.default_rng(1)
+    mean, std = 0.1 * normal(draw, 4), draw.uniform(0.1, 1.1, 4).astype(np.float32)
+    return Policy(agent, random_params(agent), NestedMeanStd(mean, std))
 
 
 @functools.cache
