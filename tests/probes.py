@@ -33,7 +33,7 @@ def spec_of_sizes(observations, actions):
 def untrained_policy(agent, key):
     """Return what an agent, bound to a task, does before it learns."""
     normalizer = initial_statistics(agent.spec.observation.size)
-    return Policy(agent, agent.init(key, agent.spec).params, normalizer)
+    return Policy(agent, jax.jit(lambda key: agent.init(key, agent.spec).params)(key), normalizer)
 
 
 class Target(Env):

@@ -51,7 +51,9 @@ def load(
     config = RunConfig.load(run_dir, trust)
     (place, *_) = places(config.trainings, config.seed if seed is None else seed, setting)
     _, everyone = load_all(run_dir, checkpoint, task)
-    return everyone.of(place)
+    policy = jax.device_get(everyone).of(place)  # a device would compile a slice for each shape
+    learned = jax.device_put((policy.params, policy.normalizer))
+    return policy.replace(params=learned[0], normalizer=learned[1])
 
 
 def places(

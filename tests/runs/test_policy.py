@@ -18,22 +18,25 @@ from hitmdp_jax.runs.policy import Policy, load_all
 from hitmdp_jax.runs.saving import extract
 from tests.probes import Target, spec_of_sizes, untrained
 
-SIZES = {"num_steps": 128, "num_envs": 8, "rollout_length": 16}
 AGENT = MOPG(num_epochs=1, num_options=3, learning_rate=1e-3)
 
 
 @pytest.fixture(scope="module")
 def states():
-    """Two seeds, as after an iteration: compiling one takes longer than all that is tested here."""
+    """Two seeds, as after an iteration."""
     return after_an_iteration(AGENT, 2)
 
 
 def after_an_iteration(agent, seeds):
-    init, _ = hitmdp_jax.make_train(agent, Target(), **SIZES)
-    keys = jax.random.split(jax.random.key(0), seeds)
-    state = jax.jit(jax.vmap(init))(keys)
-    seen = state.normalizer.replace(mean=state.normalizer.mean + 0.5 + jnp.arange(seeds)[:, None])
-    return state.replace(normalizer=seen, iteration=state.iteration + 1)
+    """Return a state [S, ...] with parameters that no program has to draw."""
+    state, draw = untrained(agent, seeds, Target()), np.random.default_rng(0)
+    params = jax.tree.map(lambda x: draw.normal(size=x.shape).astype(x.dtype), state.learner.params)
+    first = jax.tree.map(lambda x: np.stack([x] * seeds), initial_statistics(1))
+    seen = first.replace(
+        mean=first.mean + np.float32(0.5) + np.arange(seeds, dtype=np.float32)[:, None]
+    )
+    learner = state.learner.replace(params=params)
+    return state.replace(learner=learner, normalizer=seen, iteration=state.iteration + 1)
 
 
 @pytest.fixture(scope="module")
