@@ -41,7 +41,7 @@ def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: boo
     if not isinstance(state, TrainState):
         raise UsageError(f"state is a {type(state).__name__}; pass the TrainState of a training.")
     if state.iteration.ndim == 0:
-        state = jax.tree.map(lambda x: x[None], state)
+        state = _of_one_seed(state)
     seeds = len(state.iteration)
     config = RunConfig(algo=describe(agent), seeds=seeds)
     if not fits(acting(agent.bind(state.spec), policy_of(state)), seeds):
@@ -53,6 +53,11 @@ def save(run_dir: str | Path, agent: Agent, state: TrainState, *, overwrite: boo
     checkpoints.close()
     if checkpoints.failure:
         raise UsageError(f"'{run_dir}' cannot be written: {checkpoints.failure}")
+
+
+@jax.jit  # else one program for each shape
+def _of_one_seed(state: TrainState) -> TrainState:
+    return jax.tree.map(lambda x: x[None], state)
 
 
 def extract(
