@@ -51,6 +51,8 @@ def compilation_cache(tmp_path_factory):
             folder = folder.parent
         folder = folder / "jax_cache"
         jax.config.update("jax_compilation_cache_dir", str(folder))
+        # Of a program that takes less, the compiling costs no more than the writing.
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 
 @pytest.fixture(scope="session", autouse=True)
