@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+from jax.custom_batching import custom_vmap
 from jax.sharding import AxisType
 from jax.sharding import PartitionSpec as P
 
@@ -58,3 +59,18 @@ def _data_devices() -> int:
     mesh = jax.sharding.get_abstract_mesh()
     axes = dict(zip(mesh.axis_names, mesh.axis_types, strict=True))
     return mesh.shape[DATA] if axes.get(DATA) == AxisType.Auto else 1
+
+
+@custom_vmap
+def for_all(due: jax.Array) -> jax.Array:
+    """Return a bool that all trainings of a program share: a `cond` on it stays one under `vmap`.
+
+    The trainings of a program count their iterations alike, so what is due is due for all.
+    """
+    return due
+
+
+@for_all.def_vmap
+def _for_all_mapped(size: int, mapped: list[bool], due: jax.Array) -> tuple[jax.Array, bool]:
+    del size, mapped
+    return for_all(due.any()), False

@@ -69,6 +69,8 @@ VOCABULARY: dict[str, Metric] = {
     "belief_entropy": of_policy("entropy of P(o_t | s_0..s_t, a_0..a_{t-1})", "nats"),
     "termination": of_policy("mean beta_{o_t}(s_{t+1}), the probability to end", "probability"),
     "prior_kl": of_policy("KL of P(o_t | s_t, o_{t-1}) from the sticky prior", "nats"),
+    "master_distance": of_policy("KL of the master network from the best master policy", "nats"),
+    "temperature": of_policy("what a nat of the action policy's entropy is worth", "reward/nat"),
     "learned_information": Metric("log q(o | where it led) + log K of learned rewards", "nats"),
     "information": of_policy("mean I_t of the ELBO (HiT-MDP, Thm 4.1), unweighted", "nats"),
     # Learning.

@@ -4,6 +4,7 @@ from hitmdp_jax import plugins
 from hitmdp_jax.agents.ahp import AHP
 from hitmdp_jax.agents.base import Agent, LearnerState, static, traced
 from hitmdp_jax.agents.dac import DAC
+from hitmdp_jax.agents.hit_sac import HitSAC
 from hitmdp_jax.agents.iopg import IOPG
 from hitmdp_jax.agents.moc import MOC
 from hitmdp_jax.agents.mopg import MOPG
@@ -11,6 +12,7 @@ from hitmdp_jax.agents.oc import OC
 from hitmdp_jax.agents.ppo import PPO
 from hitmdp_jax.agents.ppo_gru import PPOGRU
 from hitmdp_jax.agents.ppoc import PPOC
+from hitmdp_jax.agents.sac import SAC
 from hitmdp_jax.errors import UsageError, unknown_name
 
 AGENTS: dict[str, type[Agent]] = {
@@ -23,6 +25,8 @@ AGENTS: dict[str, type[Agent]] = {
     "oc": OC,
     "moc": MOC,
     "ppo_gru": PPOGRU,
+    "sac": SAC,
+    "hit_sac": HitSAC,
 }
 
 
@@ -54,7 +58,9 @@ __all__ = [
     "PPO",
     "PPOC",
     "PPOGRU",
+    "SAC",
     "Agent",
+    "HitSAC",
     "LearnerState",
     "find_agent",
     "static",

@@ -32,7 +32,9 @@ def option_color(k: int) -> str:
     return to_hex((red, green, blue))
 
 
-NAMES = ("mopg", "ppo", "dac", "ahp", "iopg", "ppoc", "oc", "", "moc", "ppo_gru")  # "": `OWN`
+NAMES = (
+    "mopg", "ppo", "dac", "ahp", "iopg", "ppoc", "oc", "", "moc", "ppo_gru", "sac", "hit_sac"
+)  # "": `OWN`  # fmt: skip
 ALGORITHMS = {name: option_color(k) for k, name in enumerate(NAMES) if name}
 
 

@@ -92,6 +92,19 @@ def kl_to_prior(log_probs: jax.Array, log_prior: jax.Array) -> jax.Array:
     return jnp.where(probs > 0, probs * (log_probs - log_prior), 0.0).sum(-1)
 
 
+def tilted(log_prior: jax.Array, q: jax.Array, weight: jax.Array | float) -> jax.Array:
+    r"""Return the log-probabilities [..., K] that are best for values q [..., K] under a prior.
+
+    They maximise \sum_o P(o) Q(o) - weight KL(P \| p), so P(o) \propto p(o) exp(Q(o) / weight).
+
+    Args:
+      log_prior: [..., K], log p.
+      q: [..., K], values; both broadcast.
+      weight: of the divergence, in values per nat.
+    """
+    return jax.nn.log_softmax(log_prior + q / weight)
+
+
 def standardize_by_option(x: jax.Array, option: jax.Array, num_options: int) -> jax.Array:
     """Return x [T, B] with mean 0 and standard deviation 1 over the steps of each option.
 

@@ -1,15 +1,17 @@
 """Flax modules: the option encoder, the decoders, the option heads and the body they share."""
 
-from hitmdp_jax.networks.decoders import ActionDecoder, Critic
+from hitmdp_jax.networks.decoders import ActionCritic, ActionDecoder, Critic
 from hitmdp_jax.networks.mlp import MLP
 from hitmdp_jax.networks.option_encoder import MASTER_POLICIES, OptionEncoder
 from hitmdp_jax.networks.option_heads import OptionHeads, OptionNetwork
 from hitmdp_jax.networks.posterior import OptionPosterior
 from hitmdp_jax.networks.reads import Reads, read
+from hitmdp_jax.networks.squashed import SquashedHead, TanhGaussian
 
 __all__ = [
     "MASTER_POLICIES",
     "MLP",
+    "ActionCritic",
     "ActionDecoder",
     "Critic",
     "OptionEncoder",
@@ -17,5 +19,7 @@ __all__ = [
     "OptionNetwork",
     "OptionPosterior",
     "Reads",
+    "SquashedHead",
+    "TanhGaussian",
     "read",
 ]

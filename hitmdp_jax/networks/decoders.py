@@ -64,3 +64,24 @@ class Critic(nn.Module):
         shift = self.param("shift", nn.initializers.zeros, (), jnp.float32)
         scale = self.param("scale", nn.initializers.ones, (), jnp.float32)
         return jax.lax.stop_gradient(shift) + jax.lax.stop_gradient(scale) * value
+
+
+class ActionCritic(nn.Module):
+    """A value of actions: Q[s, a], or Q[s, o, a] from [s, a, W[o]].
+
+    Attributes:
+      sizes: widths of the FFN.
+      activation: a name of `mlp.ACTIVATIONS`.
+      layer_norm: as `mlp.MLP`.
+    """
+
+    sizes: tuple[int, ...] = (256, 256)
+    activation: str = "relu"
+    layer_norm: bool = False
+
+    @nn.compact
+    def __call__(self, obs: jax.Array, action: jax.Array, *option: jax.Array) -> jax.Array:
+        """Map observations [..., O], actions [..., A] and `MLP`'s options to values [...]."""
+        body = MLP(self.sizes, self.activation, layer_norm=self.layer_norm, name="body")
+        features = body(obs, *option, action=action)
+        return nn.Dense(1, kernel_init=orthogonal(1.0), name="value")(features).squeeze(-1)

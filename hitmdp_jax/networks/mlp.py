@@ -42,20 +42,25 @@ class MLP(nn.Module):
       sizes: width of each layer.
       activation: a name of `ACTIVATIONS`.
       gain: of the orthogonal initial weights.
+      layer_norm: whether each layer is normalised before its activation (Ba et al. 2016).
     """
 
     sizes: tuple[int, ...] = (64, 64)
     activation: str = "relu"
     gain: float = HIDDEN_GAIN
+    layer_norm: bool = False
 
     @nn.compact
-    def __call__(self, obs: jax.Array, *option: jax.Array) -> jax.Array:
+    def __call__(
+        self, obs: jax.Array, *option: jax.Array, action: jax.Array | None = None
+    ) -> jax.Array:
         """Map states to features.
 
         Args:
           obs: [..., S].
           *option: the vectors [K, E] of all options and which of them [...] each state goes with;
             nothing for a body of states alone.
+          action: [..., A], of a body of states and actions; it broadcasts as options do.
 
         Returns:
           [..., sizes[-1]].
@@ -67,10 +72,17 @@ class MLP(nn.Module):
             vectors, index = option
             part = nn.Dense(self.sizes[0], use_bias=False, kernel_init=init, name="input_1")
             hidden = hidden + select(part(vectors), index)
-        x = act(hidden)
+        if action is not None:
+            part = nn.Dense(self.sizes[0], use_bias=False, kernel_init=init, name="input_action")
+            hidden = hidden + part(action)
+        x = act(self._normalized(hidden, 0))
         for i, size in enumerate(self.sizes[1:], start=1):
-            x = act(nn.Dense(size, kernel_init=init, name=f"hidden_{i}")(x))
+            hidden = nn.Dense(size, kernel_init=init, name=f"hidden_{i}")(x)
+            x = act(self._normalized(hidden, i))
         return x
+
+    def _normalized(self, x: jax.Array, layer: int) -> jax.Array:
+        return nn.LayerNorm(name=f"norm_{layer}")(x) if self.layer_norm else x
 
 
 def select(rows: jax.Array, index: jax.Array) -> jax.Array:

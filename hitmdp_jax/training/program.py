@@ -7,7 +7,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from brax.envs.base import Env
-from jax.custom_batching import custom_vmap
 
 from hitmdp_jax.agents.base import Agent, check_hyperparameters
 from hitmdp_jax.agents.contract import check_algorithm
@@ -20,6 +19,7 @@ from hitmdp_jax.errors import out_of_domain, warn
 from hitmdp_jax.learning.episodes import EpisodeWindow, episode_metrics
 from hitmdp_jax.learning.normalization import initial_statistics, update_statistics
 from hitmdp_jax.learning.rollout import RolloutState, collect
+from hitmdp_jax.mesh import for_all
 from hitmdp_jax.metrics import Metrics, over_iterations
 from hitmdp_jax.precision import in_32_bits
 from hitmdp_jax.training.callbacks import Callback, check_callbacks
@@ -201,21 +201,6 @@ class Program:
         }
         metrics = episode_metrics(outcome) | new.episodes.metrics() | learning
         return freeze_diverged(state, new, in_32_bits(metrics), seen)
-
-
-@custom_vmap
-def for_all(due: jax.Array) -> jax.Array:
-    """Return a bool that all trainings of a program share: a `cond` on it stays one under `vmap`.
-
-    The trainings of a program count their iterations alike, so what is due is due for all.
-    """
-    return due
-
-
-@for_all.def_vmap
-def _for_all_mapped(size: int, mapped: list[bool], due: jax.Array) -> tuple[jax.Array, bool]:
-    del size, mapped
-    return for_all(due.any()), False
 
 
 def train(

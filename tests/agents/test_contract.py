@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hitmdp_jax
-from hitmdp_jax.agents import AGENTS, PPOGRU
+from hitmdp_jax.agents import AGENTS, PPOGRU, SAC
 from hitmdp_jax.agents.base import hyperparameters_of
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
 from hitmdp_jax.envs.spec import Box, Observation, Spec
@@ -35,8 +35,13 @@ def agent(name):
     return make_agent(name)
 
 
+OFF_POLICY = {"batch_size": 32, "replay_size": 1024, "warmup_steps": 64}
+
+
 def make_agent(name):
     agent = AGENTS[name](spec=spec_of_sizes(5, 2))
+    if isinstance(agent, SAC):
+        return agent.replace(**OFF_POLICY)
     return agent.replace(num_epochs=2) if hasattr(agent, "num_epochs") else agent
 
 
@@ -120,7 +125,7 @@ def learnt(name):
     """
     agent = make_agent(name).replace(hidden_sizes=(16,))
     sizes, iterations = (SIZES, 40) if hasattr(agent, "num_epochs") else (SINGLE_STEP, 400)
-    if isinstance(agent, ClippedOptionAgent):
+    if isinstance(agent, ClippedOptionAgent | SAC):  # SAC makes a gradient step for each new step
         iterations = 80
     num_steps = iterations * sizes["num_envs"] * sizes["rollout_length"]
 
@@ -152,7 +157,9 @@ def test_float_hyperparameters_are_leaves_and_the_rest_is_static(agent):
 
 
 def unscaled(params):
-    """Leave out what follows the returns whatever the learning rate, and changes no value."""
+    """Leave out what changes whatever the learning rate: the end of a warm-up, and what follows
+    the returns and changes no value."""
+    params = {name: x for name, x in params.items() if name != "uniform"}
     critic = params.get("critic", {})
     if "scale" not in critic:
         return params
@@ -243,7 +250,8 @@ BLIND = [  # who reads the body alone, and what of a policy does not see the goa
 def test_nothing_depends_on_what_is_not_read(name, readers, blind):
     known = {field.name for field in hyperparameters_of(AGENTS[name])}
     agent = AGENTS[name](hidden_sizes=(8,), activation="tanh", spec=PARTED)
-    if name == "ppo_gru" and "critic_reads" in readers:  # which reads what is remembered, too
+    # PPO-GRU's critic reads what is remembered, too; SAC's the action that the policy takes.
+    if (name == "ppo_gru" or isinstance(agent, SAC)) and "critic_reads" in readers:
         readers, blind = (*readers, "action_reads"), {*blind, "action"}
     agent = agent.replace(**dict.fromkeys(known.intersection(readers), ("body",)))
     params = random_params(agent)
@@ -269,7 +277,8 @@ def test_parameters_are_of_what_is_read(name):
         for reads in ((), ("body",))
         if (agent := AGENTS[name](hidden_sizes=(8,), spec=PARTED, critic_reads=reads))
     }
-    assert sizes[0] - sizes[1] == 2 * 8
+    critics = 2 if issubclass(AGENTS[name], SAC) else 1
+    assert sizes[0] - sizes[1] == critics * 2 * 8
 
 
 def test_a_part_that_the_task_does_not_show_is_refused(name):
