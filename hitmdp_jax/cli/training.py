@@ -72,7 +72,7 @@ def train(values: dict[str, Any], names: list[str], go_on: bool = False) -> int:
 
         for env, task in zip(run.envs, config.tasks, strict=True):
             check_filming(env, task["name"])
-    begins_with = "" if begun else run.begins_with()
+    begins_with = run.refills() if begun else run.begins_with()
     if resume is None:
         run_dir = Path(processes.told(lambda: str(claim(run_dir, config, overwrite))))
     assert run_dir is not None
@@ -106,7 +106,8 @@ def _run(run: Run, run_dir: Path, resume: bool, report: bool, own: Sequence["Hoo
             file=sys.stderr,
         )
     if outcome.signum:
-        print(f"resume={run_dir} continues exactly from there.")
+        how = "with an empty replay" if run.refills() else "exactly"
+        print(f"resume={run_dir} continues {how} from there.")
     elif report:
         _report(run.config, run_dir)
     return code

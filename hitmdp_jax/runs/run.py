@@ -13,6 +13,7 @@ from jax.sharding import Mesh
 
 from hitmdp_jax.agents import Agent
 from hitmdp_jax.envs import make_env
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.physics import find_engine
 from hitmdp_jax.precision import in_32_bits
 from hitmdp_jax.runs import processes
@@ -149,6 +150,16 @@ class Run:
     def begins_with(self) -> str:
         """Return a line on what the trainings begin with; "" where they begin anew."""
         return "" if self.start is None else self.start.told(self._blank)
+
+    def refills(self) -> str:
+        """Return a line on the replay that a resumed run fills anew; "" where it fills none."""
+        replay = jax.eval_shape(lambda: self.agent.init_replay(spec_of(self.envs[0])))
+        if self.config.save_replay or not jax.tree.leaves(replay):
+            return ""
+        return (
+            "The replay was not saved (save_replay=false) and fills anew before learning goes on, "
+            "so the run is not what it would have been without the break."
+        )
 
     def with_replay(self, state: TrainState) -> TrainState:
         """Return a state with an empty replay where its checkpoint had none."""

@@ -1,5 +1,6 @@
 """What a run's settings stand for: its seeds' keys, and the state in which it goes on."""
 
+import dataclasses
 from pathlib import Path
 
 import jax
@@ -124,6 +125,40 @@ def test_a_replay_is_written_in_place_and_kept_on_request(tmp_path):
         sizes = [int(x) for x in restored.state.replay.size]
         steps = run.schedule.steps_per_report
         assert sizes == [steps if kept else 0]
+
+
+SAC = {"name": "hit_sac", "hidden_sizes": (4,), "batch_size": 4, "num_options": 2}
+SAC |= {"replay_size": 8192, "warmup_steps": 4096}  # two reports
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_an_off_policy_run_goes_on_exactly_or_fills_its_replay_before_it_learns(kept, tmp_path):
+    run = create(algo=SAC, second_env=None, save_replay=kept)
+    progress = Progress(0, 0, None)
+    step = prepare(run, 0, progress)
+    for _ in range(2):
+        progress.state, _ = step(progress.state)
+    checkpoints = Checkpoints(tmp_path)
+    checkpoints.save(run.saved(dataclasses.replace(progress, iteration=2)))
+    checkpoints.close()
+    restored = run.restore(Checkpoints(tmp_path, read_only=True))
+    after = prepare(run, 0, restored)
+    before = raw(restored.state.learner)
+    (unbroken, _), (resumed, _) = step(progress.state), after(restored.state)
+    if kept:
+        assert run.refills() == ""
+        jax.tree.map(np.testing.assert_array_equal, raw(unbroken), raw(resumed))
+        return
+    assert "fills anew before learning goes on" in run.refills()
+    jax.tree.map(np.testing.assert_array_equal, before, raw(resumed.learner))
+    again, _ = after(resumed)
+    moved = jax.tree.map(lambda x, y: (x != y).any(), before.params, raw(again.learner).params)
+    assert any(jax.tree.leaves(moved["actor"]))
+    assert (np.asarray(again.learner.params["uniform"]) == 0).all()  # it knows how to act
+
+
+def test_a_run_without_a_replay_refills_none(run):
+    assert run.refills() == ""
 
 
 def test_a_task_of_ones_own_is_traced_by_its_check_once():
