@@ -113,14 +113,14 @@ def test_training_and_evaluation_give_the_same_numbers():
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-4), wide, default)
 
 
-def test_the_command_line_trains_and_evaluates_under_x64(tmp_path):
+def test_the_command_line_trains_and_evaluates_under_x64(tmp_path, variables):
     """In a process of its own: what was traced before the setting changed would be used after."""
     algo = [f"algo.{k}={v}" for k, v in QUICK["algo"].items() if k != "name"]
     settings = ("algo=ppo", *algo, "env=invertedpendulum", "physics=native", "total_steps=2048")
     evaluated = ("eval_every=2048", "eval_episodes=2", "report=false", f"run_dir={tmp_path}")
     out = subprocess.run(
         [sys.executable, "-m", "hitmdp_jax", "train", *settings, *evaluated],
-        env=os.environ | {"JAX_ENABLE_X64": "1"},
+        env=os.environ | variables | {"JAX_ENABLE_X64": "1"},
         capture_output=True,
         text=True,
     )

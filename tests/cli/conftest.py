@@ -33,15 +33,21 @@ FINISHED += ("eval_every=4096", "eval_episodes=2")
 
 
 @pytest.fixture(scope="package")
-def variables(compilation_cache):
-    """The variables of a process of its own, which finds what is compiled, however quickly."""
+def variables(compilation_cache, tmp_path_factory):
+    """The variables of a process of its own, which finds what is compiled, however quickly.
+
+    It finds no Warp, as most users have none: MJX imports its kernels wherever they are, which
+    takes as long as all other imports. Tests of `physics=warp` run in the tests' process.
+    """
+    no_warp = tmp_path_factory.mktemp("no_warp")
+    (no_warp / "warp.py").write_text("raise ImportError('not installed')\n")
     minimum = "jax_persistent_cache_min_compile_time_secs"
     before = getattr(jax.config, minimum)
     jax.config.update(minimum, 0.0)
     yield {
         "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir),
         minimum.upper(): "0",
-        "PYTHONPATH": str(CHECKOUT),
+        "PYTHONPATH": os.pathsep.join(map(str, [CHECKOUT, no_warp])),
         "COLUMNS": "200",
     }
     jax.config.update(minimum, before)

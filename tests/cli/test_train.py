@@ -397,6 +397,7 @@ def test_importing_is_quick_silent_and_free_of_effects_and_set_up_heeds_the_core
         "print(jax.local_device_count())"
     )
     command = ["taskset", "-c", "0", sys.executable, "-c", code]
-    result = subprocess.run(command, env=os.environ | variables, capture_output=True, text=True)
+    environment = os.environ | variables | {"PYTHONPATH": str(CHECKOUT)}
+    result = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
     assert result.stdout == "1\n"

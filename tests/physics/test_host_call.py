@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from hitmdp_jax.physics import host_call
+from tests.cli.conftest import variables
+
+__all__ = ["variables"]  # a fixture
 
 
 class Sums:
@@ -115,7 +118,7 @@ def test_other_platforms_call_it_on_the_host(sums, monkeypatch):
     assert function.shapes == [(10, 3)]
 
 
-def test_programs_are_taken_from_the_compilation_cache(tmp_path):
+def test_programs_are_taken_from_the_compilation_cache(tmp_path, variables):
     """A second process compiles nothing that steps `physics=native`."""
     code = (
         "import jax; from hitmdp_jax import make_env;"
@@ -128,7 +131,13 @@ def test_programs_are_taken_from_the_compilation_cache(tmp_path):
         "print('/jax/compilation_cache/cache_misses' in hits, obs.tolist())"
     )
     first, second = (
-        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env=os.environ | variables,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         for _ in range(2)
     )
     assert first.stdout.split(" ", 1)[0] == "True"
