@@ -32,8 +32,8 @@ def test_the_help_shows_values_and_meanings_of_what_was_chosen():
     assert "algo.gae_lambda=0.95 lambda of generalised advantage estimation (GAE)" in text
     assert "env.healthy_reward reward of a healthy step" in text
     assert (
-        "preset configs/preset: named sets of changes, applied last: none, own_rewards, paper"
-        in text
+        "preset configs/preset: named sets of changes, applied last: none, off_policy_gpu, "
+        "own_rewards, paper" in text
     )
     assert "num_options" not in text
 
