@@ -89,7 +89,7 @@ def workspace(tmp_path_factory):
     (folder / "directory" / "config.yaml").mkdir(parents=True)
     run("newer", schema=99)
     run("schema_word", schema="two")
-    run("unknown_algo", algo={"name": "sac"})
+    run("unknown_algo", algo={"name": "trpo"})
     run("unknown_env", env={"name": "halfchetah"})
     run("unknown_setting", colour="red")
     run("number_key", **{"algo": {"name": "ppo"}}, text="3: 4\nalgo: {name: ppo}\n")

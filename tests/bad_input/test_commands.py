@@ -18,7 +18,7 @@ FOLDERS = [
     ("directory", "is not a run's folder"),
     ("newer", "was written by a newer hitmdp_jax"),
     ("schema_word", "newer"),
-    ("unknown_algo", "Unknown algo 'sac'"),
+    ("unknown_algo", "Unknown algo 'trpo'"),
     ("unknown_env", "Unknown environment 'halfchetah'"),
     ("unknown_setting", "Unknown setting 'colour'"),
     ("number_key", "Unknown setting '3'"),
