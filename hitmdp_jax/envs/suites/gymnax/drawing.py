@@ -1,4 +1,4 @@
-"""The tasks of gymnax that are squares of a grid, with pictures of them."""
+"""Which class puts a task of gymnax behind Brax's interface, by what the task shows."""
 
 from typing import Any
 
@@ -8,9 +8,9 @@ import matplotlib
 import numpy as np
 from brax.envs.base import State
 
+from hitmdp_jax.envs.suites.gymnax.four_rooms import RoomsTask
 from hitmdp_jax.envs.suites.gymnax.task import KeyedTask
 
-WALL, FREE, GOAL, AGENT = (60, 60, 60), (255, 255, 255), (0, 158, 115), (213, 94, 0)
 EMPTY = (25, 25, 25)  # a square on which nothing is
 
 
@@ -33,18 +33,6 @@ class PlanesTask(KeyedTask):
         picture = np.full((*planes.shape[:2], 3), EMPTY, np.uint8)
         for plane in range(planes.shape[-1]):
             picture[planes[..., plane]] = 255 * colors[plane % len(colors)]
-        return picture
-
-
-class RoomsTask(KeyedTask):
-    """The four rooms."""
-
-    def draw(self, state: State) -> np.ndarray:
-        """Return the picture [13, 13, 3] of a state: walls, the goal and the agent."""
-        rooms: Any = state.pipeline_state
-        picture = np.where(np.asarray(self.task.env_map)[..., None], FREE, WALL).astype(np.uint8)
-        picture[tuple(np.asarray(rooms.goal))] = GOAL
-        picture[tuple(np.asarray(rooms.pos))] = AGENT
         return picture
 
 

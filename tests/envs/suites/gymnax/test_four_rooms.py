@@ -11,6 +11,7 @@ import pytest
 from hitmdp_jax import make_env, train
 from hitmdp_jax.agents import MOPG, PPO
 from hitmdp_jax.envs.spec import spec_of
+from hitmdp_jax.envs.suites.gymnax.four_rooms import DOORS, steps_to
 from hitmdp_jax.interpret.episodes import run_episodes
 from hitmdp_jax.runs.policy import Policy
 from tests.envs.suites.gymnax.four_rooms import CELLS, MAP, STEPS, transitions, values
@@ -88,3 +89,34 @@ def test_what_is_learned_is_nearly_the_best_policy(algo, env):
     mine = (reached * agent.gamma ** (lengths - 1.0)).mean()
     best = values(GOAL, FAIL, agent.gamma)[[cell != GOAL for cell in CELLS]].mean()
     assert 0.95 * best < mine < 1.02 * best
+
+
+def test_options_are_paid_for_sides_and_for_doors(env):
+    """A step east through the western rooms' door: towards two doors, and away from the others."""
+    start = env.reset(jax.random.key(0))
+
+    def at(cell):
+        return start.replace(pipeline_state=start.pipeline_state.replace(pos=jnp.array(cell)))
+
+    paid = env.option_rewards(at((3, 5)), jnp.array(1), at((3, 6)))
+    assert {name: float(x) for name, x in paid.items()} == {
+        "north": 0.0,
+        "east": 1.0,
+        "south": 0.0,
+        "west": -1.0,
+        "door_north": 1.0,
+        "door_east": 1.0,
+        "door_south": 1.0,  # 14 steps by either side before, 13 by the eastern rooms after
+        "door_west": -1.0,
+    }
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_the_way_to_a_door_is_the_tables(env, door):
+    """The best value without mishaps and with the discount .5 tells how many steps it takes."""
+    value = values(DOORS[door], 0.0, 0.5)
+    steps = steps_to(DOORS[door], np.asarray(env.task.env_map))
+    for cell, of_cell in zip(CELLS, value, strict=True):
+        if cell != DOORS[door]:
+            assert steps[cell] == round(1.0 - np.log2(of_cell)), cell
+    assert steps[DOORS[door]] == 0
