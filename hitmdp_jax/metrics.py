@@ -71,6 +71,7 @@ VOCABULARY: dict[str, Metric] = {
     "prior_kl": of_policy("KL of P(o_t | s_t, o_{t-1}) from the sticky prior", "nats"),
     "master_distance": of_policy("KL of the master network from the best master policy", "nats"),
     "temperature": of_policy("what a nat of the action policy's entropy is worth", "reward/nat"),
+    "option_weight": of_policy("what a nat of divergence from the prior costs", "reward/nat"),
     "learned_information": Metric("log q(o | where it led) + log K of learned rewards", "nats"),
     "information": of_policy("mean I_t of the ELBO (HiT-MDP, Thm 4.1), unweighted", "nats"),
     # Learning.

@@ -3,6 +3,7 @@
 from typing import Any
 
 import distrax
+import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
@@ -36,6 +37,7 @@ class HitSACNetwork(SACNetwork):
     option_scale: jax.Array | float = 1.0
     master: str = "best"
     similarity: jax.Array | float = 0.75
+    initial_option_weight: jax.Array | float = 1.0
 
     def setup(self):
         """Declare the parts."""
@@ -43,6 +45,8 @@ class HitSACNetwork(SACNetwork):
         if self.num_options > 1:
             shape = self.num_options, self.embedding_size
             self.embeddings = self.param("embeddings", equal_norm, shape)
+            log_weight = nn.initializers.constant(jnp.log(self.initial_option_weight))
+            self.log_option_weight = self.param("log_option_weight", log_weight, (), jnp.float32)
         if self.num_options > 1 and self.master == "clustering":
             scale = self.embedding_size**-0.5
             sizes = self.hidden_sizes, self.activation
@@ -79,9 +83,9 @@ class HitSAC(SAC):
       Q_O(s, o) &= E_a [Q(s, o, a) - \alpha_A \log P(a | s, o)]
 
     p(o | o_{t-1}) is the structural prior of the graphical model, sticky with `stay`, uniform with
-    stay = 1 / K. alpha_A is SAC's temperature, and alpha_O is `option_weight` times that. The sum
-    over options is exact, so there are no importance weights, and V is known for every o_{t-1}, so
-    the replay need not hold it.
+    stay = 1 / K. alpha_A is SAC's temperature, and alpha_O is learned likewise, so that the
+    divergence comes to `prior_divergence`. The sum over options is exact, so there are no
+    importance weights, and V is known for every o_{t-1}, so the replay need not hold it.
 
     The "best" `master` is the closed form P \propto p(o | o_{t-1}) exp(Q_O(s, o) / alpha_O), read
     off the critics. The "clustering" one is the attention network of `OptionEncoder`, which learns
@@ -92,7 +96,8 @@ class HitSAC(SAC):
     """
 
     stay: float = traced(0.9, low=1e-6, high=0.999999)  # p(o_t = o_{t-1} | o_{t-1})
-    option_weight: float = traced(1.0, positive=True)  # alpha_O / alpha_A
+    prior_divergence: float = traced(0.1)  # nats
+    initial_option_weight: float = traced(1.0, positive=True)  # alpha_O
     option_scale: float = traced(1.0)
     similarity: float = traced(0.75)  # of the clustering master
     num_options: int = static(4)
@@ -109,6 +114,7 @@ class HitSAC(SAC):
     def of_network(self) -> dict[str, Any]:
         """Return the attributes of the network that depend on the task and on hyperparameters."""
         own = ("num_options", "embedding_size", "option_scale", "master", "similarity")
+        own += ("initial_option_weight",)
         return super().of_network() | {name: getattr(self, name) for name in own}
 
     def initial_memory(self, key: jax.Array, batch_shape: tuple[int, ...] = ()) -> jax.Array:
@@ -129,9 +135,9 @@ class HitSAC(SAC):
         """Return Q_O(s, o) of each option [..., K], by one action of each that the policy draws."""
         return self.soft_q(params, obs[..., None, :], key, jnp.arange(self.num_options))
 
-    def option_weight_now(self, params: Any) -> jax.Array:
-        """Return alpha_O, in reward per nat."""
-        return self.option_weight * jnp.exp(params["log_temperature"])
+    def option_weight(self, params: Any) -> jax.Array:
+        """Return alpha_O, in reward per nat; of one option, whose divergence is 0, any number."""
+        return jnp.exp(params["log_option_weight"]) if self.num_options > 1 else jnp.float32(1.0)
 
     def log_prior(self, previous: jax.Array) -> jax.Array:
         """Return log p(o | o_{t-1}) [..., K]."""
@@ -143,7 +149,7 @@ class HitSAC(SAC):
         """Return log P(o | s, o_{t-1}) [..., K], given Q_O(s, o) [..., K]."""
         if self.master == "clustering":
             return self._apply(params, "encoded", obs, previous)
-        return tilted(self.log_prior(previous), q_option, self.option_weight_now(params))
+        return tilted(self.log_prior(previous), q_option, self.option_weight(params))
 
     def option_log_probs(self, params: Any, obs: jax.Array, previous: jax.Array) -> jax.Array:
         """Return log P(o | s, o_{t-1}) [..., K], by each option's likeliest action."""
@@ -183,7 +189,7 @@ class HitSAC(SAC):
         """Return V(s, o_{t-1}) [...] for previous [...], given Q_O(s, o) [..., K]."""
         log_option = self.master_log_probs(params, obs, q_option, previous)
         cost = kl_to_prior(log_option, self.log_prior(previous))
-        return expected_value(log_option, q_option) - self.option_weight_now(params) * cost
+        return expected_value(log_option, q_option) - self.option_weight(params) * cost
 
     def value_of(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return V(s, o_{t-1}) [...], by the values of each option's likeliest action."""
@@ -221,21 +227,27 @@ class HitSAC(SAC):
         return step.reward[:, None] + self.gamma * (1.0 - step.done)[:, None] * value
 
     def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
-        """Return SAC's loss of a minibatch, and how far a master network is from the best master.
+        """Return SAC's loss of a minibatch, alpha_O's and, where there is one, the network's.
 
-        It learns for each o_{t-1} in the states reached, whose Q_O the targets ask for anyway.
+        Both are of the states reached, whose Q_O the targets ask for anyway; the network learns
+        for each o_{t-1}.
         """
         loss, metrics = super().loss(params, data)
-        if self.master != "clustering" or self.num_options == 1:
+        if self.num_options == 1:
             return loss, metrics
-        fixed, step, every = (
-            jax.lax.stop_gradient(params),
-            data["step"],
-            jnp.arange(self.num_options),
-        )
+        fixed, step = jax.lax.stop_gradient(params), data["step"]
         key_target, _ = jax.random.split(data["key"])  # the compiler makes one of equal evaluations
+        _, _, (previous,) = self.learned_options(step)
+        obs = step.next_obs[:, None]
         q_option = self.every_soft_q(fixed | data["target"], step.next_obs, key_target)[:, None]
-        best = tilted(self.log_prior(every), q_option, self.option_weight_now(fixed))
-        master = self._apply(params, "encoded", step.next_obs[:, None], every)  # [N, K_prev, K]
-        distance = kl_to_prior(master, best).mean()
-        return loss + distance, metrics | {"master_distance": distance}
+        log_option = self.master_log_probs(fixed, obs, q_option, previous)
+        too_much = kl_to_prior(log_option, self.log_prior(previous)).mean() - self.prior_divergence
+        loss -= params["log_option_weight"] * too_much
+        metrics |= {"option_weight": self.option_weight(fixed)}
+        if self.master == "clustering":
+            every = jnp.arange(self.num_options)
+            best = tilted(self.log_prior(every), q_option, self.option_weight(fixed))
+            master = self._apply(params, "encoded", obs, every)  # [N, K_prev, K]
+            metrics["master_distance"] = kl_to_prior(master, best).mean()
+            loss += metrics["master_distance"]
+        return loss, metrics

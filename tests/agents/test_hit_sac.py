@@ -63,7 +63,7 @@ def test_targets_are_those_of_a_loop(master, learners):
         return found, option[0], log_prob, q, jnp.stack(network, 1)
 
     found, option, log_prob, q, network = run(params, target)
-    temperature = np.exp(params["log_temperature"])
+    temperature, weight = np.exp(params["log_temperature"]), np.exp(params["log_option_weight"])
     assert found.shape == (T * B, K if learners == "every" else 1)
     for n in range(T * B):
         t, b = divmod(n, B)
@@ -72,13 +72,13 @@ def test_targets_are_those_of_a_loop(master, learners):
             assert before == (place if learners == "every" else batch.record[t, b])
             log_prior = np.log(prior()[before])
             if master == "best":
-                chances = np.exp(log_softmax(log_prior + np.array(every) / temperature))
+                chances = np.exp(log_softmax(log_prior + np.array(every) / weight))
             else:
                 chances = np.exp(network[n, before])
             value = 0.0
             for k in range(K):
                 cost = np.log(chances[k]) - log_prior[k]
-                value += chances[k] * (every[k] - temperature * cost)
+                value += chances[k] * (every[k] - weight * cost)
             expected = batch.reward[t, b] + 0.9 * (0.0 if batch.terminated[t, b] else value)
             np.testing.assert_allclose(found[n, place], expected, rtol=1e-3, atol=1e-3)
 
@@ -86,8 +86,8 @@ def test_targets_are_those_of_a_loop(master, learners):
 def test_with_the_best_master_the_value_is_a_soft_maximum_under_the_prior():
     """V = alpha log sum_o p exp(Q / alpha): no other master is worth more."""
     q = np.random.default_rng(0).normal(size=(5, 1, K)).astype(np.float32)
-    agent, weight = AGENT.replace(option_weight=2.0), 2.0 * np.exp(0.3)
-    params = {"log_temperature": np.float32(0.3)}
+    agent, weight = AGENT, np.exp(0.7)
+    params = {"log_option_weight": np.float32(0.7)}
 
     @compiled
     def run(q):
@@ -136,7 +136,7 @@ def test_the_master_networks_direction_is_the_gradient_of_the_value():
         def worth(part):
             known = params | part
             value = agent.soft_value(known, step.next_obs[:, None], q, jnp.arange(K))
-            return -value.mean() / agent.option_weight_now(params)
+            return -value.mean() / agent.option_weight(params)
 
         whole = jax.grad(lambda params: agent.loss(params, data)[0])(params)
         of_rest = jax.grad(lambda params: SAC.loss(agent, params, data)[0])(params)
@@ -176,3 +176,25 @@ def test_with_one_option_an_update_is_sacs(how):
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-6), sac, hit)
     for name, value in of_sac.items():
         np.testing.assert_allclose(of_hit[name], value, rtol=1e-5)
+
+
+@pytest.mark.parametrize("divergence", [0.0, 3.0])
+def test_the_price_of_leaving_the_prior_rises_where_the_master_leaves_it_too_much(divergence):
+    agent, batch = AGENT.replace(prior_divergence=divergence), rollout()
+    params = moderate(agent)
+
+    @compiled
+    def slope(params):
+        step = steps(agent, batch)
+        target = {x: params[x] for x in ("critic_0", "critic_1")}
+        data = {"step": step, "target": target, "key": jax.random.key(3)}
+        key_target, _ = jax.random.split(data["key"])
+        q = agent.every_soft_q(params, step.next_obs, key_target)
+        log_option = agent.master_log_probs(params, None, q, step.record)
+        gradient = jax.grad(lambda params: agent.loss(params, data)[0])(params)
+        return gradient["log_option_weight"], jnp.exp(log_option)
+
+    found, chances = slope(params)
+    kl = rel_entr(chances, prior()[batch.record.reshape(-1)]).sum(-1).mean()
+    assert 0.0 < kl < 3.0
+    np.testing.assert_allclose(found, divergence - kl, rtol=1e-3)

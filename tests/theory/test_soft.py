@@ -65,8 +65,9 @@ def test_evaluation_and_improvement_converge_to_the_optimum_of_the_augmented_mdp
 
 def agent_of(stay, weight, ratio):
     """The algorithm, and all that it reads of its parameters where tables replace networks."""
-    agent = HitSAC(num_options=K, stay=stay, option_weight=ratio)
-    return agent, {"log_temperature": np.log(np.float64(weight))}
+    log_weight = np.log(np.float64(weight))
+    known = {"log_temperature": log_weight, "log_option_weight": log_weight + np.log(ratio)}
+    return HitSAC(num_options=K, stay=stay), known
 
 
 def target(agent, params, hit, q):
