@@ -1,6 +1,7 @@
 """The page about what is published, from cells and from the published ones."""
 
 import numpy as np
+import pytest
 
 from hitmdp_jax.cli.published import read_cells
 from hitmdp_jax.experiments import experiment
@@ -28,17 +29,23 @@ EXPERIMENT = Experiment(
 )
 
 
-def test_the_page_is_that_of_the_published_results():
+@pytest.fixture(scope="module")
+def published():
+    """The experiments of the page, and what is published of their tasks: read in five seconds."""
     every = experiment.published()
     tasks = {task for one in every.values() for task in one.tasks}
+    return every, read_cells(CHECKOUT / "results", tasks)
+
+
+def test_the_page_is_that_of_the_published_results(published):
+    every, cells = published
     pictures = {name: f"../results/{name}.png" for name in every}
-    written = page(every, read_cells(CHECKOUT / "results", tasks), pictures)
+    written = page(every, cells, pictures)
     assert written == (CHECKOUT / "docs/results.md").read_text()
 
 
-def test_narrow_tables_have_every_cell_of_the_wide_one():
-    every = experiment.published()
-    cells = read_cells(CHECKOUT / "results", {task for one in every.values() for task in one.tasks})
+def test_narrow_tables_have_every_cell_of_the_wide_one(published):
+    every, cells = published
     for one in every.values():
         for task in one.tasks:
             here = {arm: cells[task][arm] for arm in one.arms if arm in cells.get(task, {})}
