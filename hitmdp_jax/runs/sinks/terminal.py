@@ -28,11 +28,13 @@ WINDOW = 20  # reports that the shown means span, but for the return, which says
 PLAIN_INTERVAL = 10.0  # seconds between lines where there is no terminal
 COLUMNS = 80  # of a line where there is no terminal
 RETURN = f"return of the last {RECENT_EPISODES} episodes"
+EVALUATION = "return of the last evaluation"
 # What such a line says, as far as it fits: what is shown, and how it is said there.
 IN_A_LINE = {
     "diverged seeds": "diverged seeds: {}",
     "unstable physics": "unstable in {}",
     RETURN: "return {}",
+    EVALUATION: "evaluation {}",
     "steps/s": "{} per s",
     "option duration": "options last {}",
 }
@@ -77,6 +79,7 @@ class TerminalSink(Sink):
         )
         self._task = self._progress.add_task("env steps", total=total_steps, completed=done_steps)
         self._recent: deque[Values] = deque(maxlen=WINDOW)
+        self._evaluated: np.ndarray | None = None  # the newest returns [S] of an evaluation
         self._live = Live(console=self._console, refresh_per_second=4, auto_refresh=False)
         self._last_line = 0.0
         self._total_steps = total_steps
@@ -103,6 +106,9 @@ class TerminalSink(Sink):
     def write(self, iteration: int, env_steps: int, metrics: Values) -> None:
         """Show the metrics of the report that reached `env_steps`."""
         self._recent.append(metrics)
+        evaluated = metrics.get("evaluation_return")
+        if evaluated is not None and not np.isnan(evaluated).all():
+            self._evaluated = evaluated
         if self._console.is_terminal:
             self._live.start()
             self._progress.update(self._task, completed=env_steps)
@@ -144,6 +150,8 @@ class TerminalSink(Sink):
         elif "step_reward" in newest:  # of which something is known before an episode has ended
             rewards = self._mean("step_reward")[best]
             facts.append(("mean reward of a step", f"{rewards.mean():,.3f}"))
+        if self._evaluated is not None and not np.isnan(self._evaluated[best]).all():
+            facts.append((EVALUATION, f"{np.nanmean(self._evaluated[best]):,.1f}"))
         if "option_steps" in newest:
             counts = [np.nansum(m["option_steps"][best], axis=0) for m in self._recent]
             steps = np.sum(counts, axis=0)

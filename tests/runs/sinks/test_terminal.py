@@ -55,6 +55,13 @@ def test_a_line_ends_where_the_next_thing_would_not_fit(shown):
     assert line == ("2,048 steps (0%), diverged seeds: 1, return -164,555.0 ± 0.0 over 16 seeds")
 
 
+def test_the_newest_evaluation_is_shown_until_there_is_another(shown):
+    none = metrics(evaluation_return=np.array([np.nan]))
+    lines = shown(none, metrics(evaluation_return=np.array([12.5])), none, total=6144).splitlines()
+    assert "evaluation" not in lines[0]
+    assert "evaluation 12.5" in lines[-1]
+
+
 def test_one_seed_has_no_deviation_and_several_do(shown):
     assert "±" not in shown(metrics())
     assert "10.5 ± 0.5 over 2 seeds" in shown(metrics(2))
