@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
-from hitmdp_jax.learning.options import OptionMemory, at_option, entropy
+from hitmdp_jax.learning.options import OptionMemory, at_option, drawn_option, entropy
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.networks import OptionHeads
@@ -42,10 +42,9 @@ class AHP(ClippedOptionAgent):
         """Draw the stop b_t, and o_t if it stops; return o_t and the record."""
         key_stop, key_option = jax.random.split(key)
         stops: Any = distrax.Bernoulli(at_option(heads.termination, memory.previous), dtype=bool)
-        master: Any = distrax.Categorical(heads.log_master)
         stop = stops.mode() if deterministic else stops.sample(seed=key_stop)
         stop = stop | memory.initial
-        chosen = master.mode() if deterministic else master.sample(seed=key_option)
+        chosen = drawn_option(heads.log_master, key_option, deterministic)
         option = jnp.where(stop, chosen, memory.previous)
         return option, (option, stop)
 

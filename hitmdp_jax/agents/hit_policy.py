@@ -3,7 +3,6 @@
 import math
 from typing import Any
 
-import distrax
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
@@ -13,7 +12,7 @@ from hitmdp_jax.agents.gradient_agent import GradientAgent
 from hitmdp_jax.envs.option_rewards import LEARNED
 from hitmdp_jax.envs.spec import Action
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.learning.options import expected_value
+from hitmdp_jax.learning.options import drawn_option, expected_value
 from hitmdp_jax.networks import (
     MASTER_POLICIES,
     ActionDecoder,
@@ -246,9 +245,7 @@ class HitPolicy(GradientAgent):
         """Draw o_t and a_t; the deterministic policy takes the likeliest of each."""
         key_option, key_action = jax.random.split(key)
         log_option = self.option_log_probs(params, obs, self.previous_option(memory))
-        master: Any = distrax.Categorical(log_option)
-        option = master.mode() if deterministic else master.sample(seed=key_option)
-        option = option.astype(jnp.int32)
+        option = drawn_option(log_option, key_option, deterministic)
         policy = self.policy(params, obs, option)
         action = policy.mode() if deterministic else policy.sample(seed=key_action)
         return action, self.remember(memory, option), option

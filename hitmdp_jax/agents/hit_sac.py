@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import distrax
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
@@ -11,6 +10,7 @@ from hitmdp_jax.agents.base import static, traced
 from hitmdp_jax.agents.hit_policy import INITIAL_OPTIONS, equal_norm
 from hitmdp_jax.agents.sac import SAC, SACNetwork, SACState, Transition
 from hitmdp_jax.learning.options import (
+    drawn_option,
     entropy,
     expected_value,
     kl_to_prior,
@@ -174,9 +174,8 @@ class HitSAC(SAC):
     ) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Draw o_t and a_t; the deterministic policy takes the likeliest of each."""
         key_option, key_action, key_uniform = jax.random.split(key, 3)
-        master: Any = distrax.Categorical(self.option_log_probs(params, obs, memory))
-        option = master.mode() if deterministic else master.sample(seed=key_option)
-        option = option.astype(jnp.int32)
+        log_option = self.option_log_probs(params, obs, memory)
+        option = drawn_option(log_option, key_option, deterministic)
         policy = self.policy(params, obs, option)
         if deterministic:
             return policy.mode(), option, option

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import distrax
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -13,6 +12,7 @@ from hitmdp_jax.learning.advantages import standardize
 from hitmdp_jax.learning.options import (
     OptionMemory,
     at_option,
+    drawn_option,
     entropy,
     expected_value,
     option_statistics,
@@ -85,9 +85,7 @@ class OptionAgent(GradientAgent):
         self, heads: OptionHeads, memory: Any, key: jax.Array, deterministic: bool
     ) -> tuple[jax.Array, Any]:
         """Draw o_t [...], or take the likeliest; return it and the record."""
-        options: Any = distrax.Categorical(self.option_log_probs(heads, memory))
-        option = options.mode() if deterministic else options.sample(seed=key)
-        option = option.astype(jnp.int32)
+        option = drawn_option(self.option_log_probs(heads, memory), key, deterministic)
         return option, option
 
     def act(

@@ -1,5 +1,8 @@
 """Options as agents and records see them: transitions, terminations, usage and durations."""
 
+from typing import Any
+
+import distrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -103,6 +106,13 @@ def tilted(log_prior: jax.Array, q: jax.Array, weight: jax.Array | float) -> jax
       weight: of the divergence, in values per nat.
     """
     return jax.nn.log_softmax(log_prior + q / weight)
+
+
+def drawn_option(log_probs: jax.Array, key: jax.Array, deterministic: bool) -> jax.Array:
+    """Draw options [...] by their log-probabilities [..., K], or take the likeliest."""
+    options: Any = distrax.Categorical(log_probs)
+    option = options.mode() if deterministic else options.sample(seed=key)
+    return option.astype(jnp.int32)
 
 
 def standardize_by_option(x: jax.Array, option: jax.Array, num_options: int) -> jax.Array:

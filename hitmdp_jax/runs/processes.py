@@ -58,8 +58,8 @@ def join() -> None:
     address = os.environ.get(ADDRESS)
     if address is not None and not address.rpartition(":")[2].isdecimal():
         raise out_of_domain(ADDRESS, address, "a host and a port, such as 10.0.0.1:1234")
-    # On CPUs, JAX may begin a computation before the one before it has ended. Where both of them
-    # exchange numbers with other processes, one process takes those of one for the other's.
+    # On CPUs, where JAX returns before a computation has ended, one process may take the numbers of
+    # one computation for those of another (Gloo: "received data size doesn't match").
     jax.config.update("jax_cpu_enable_async_dispatch", False)
     try:
         _speak_at_an_early_end()

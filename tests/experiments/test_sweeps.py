@@ -73,6 +73,7 @@ def told_by_the_terminal(run_dir):
     sink.write(1, 2048, values | {"recent_return": TOLD.ravel()})
     shown = "  ".join(f"{name} {value}" for name, value in sink._facts())  # where there is one
     assert "KL a 1.020" in shown
+    assert "over 2 seeds, best of 2: gamma=0.99" in out.getvalue()
     return out.getvalue()
 
 

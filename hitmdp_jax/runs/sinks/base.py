@@ -6,7 +6,8 @@ from typing import Protocol
 import numpy as np
 
 from hitmdp_jax.errors import warn
-from hitmdp_jax.metrics import describe
+from hitmdp_jax.learning.options import mean_duration
+from hitmdp_jax.metrics import VOCABULARY, describe
 
 Values = dict[str, np.ndarray]  # metric -> [S] or [S, K]; NaN where a seed has none
 
@@ -70,32 +71,23 @@ def columns(metrics: Values) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def curves(metrics: Values) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield each metric as columns [S] whose names are `group/name`, for services with curves.
+    """Return each metric as columns [S] whose names are `group/name`, for services with curves.
 
     An option's counts become its share of the steps and how many steps it lasts on average, and
     divergences and clipping have the names that users of PPO look for: `train/approx_kl_action`.
     """
-    shown = dict(metrics)
+    shown, named = dict(metrics), {}
     if "option_steps" in shown and "option_activations" in shown:
         steps, activations = shown.pop("option_steps"), shown.pop("option_activations")
-        yield from _of_group("options", {"share": _ratio(steps, steps.sum(-1, keepdims=True))})
-        yield from _of_group("options", {"duration": _ratio(steps, activations)})
-    for name, x in shown.items():
-        yield from _of_group(describe(name).group, {_known_name(name): x})
-
-
-def _of_group(group: str, metrics: Values) -> Iterator[tuple[str, np.ndarray]]:
-    for name, x in columns(metrics):
-        yield f"{group}/{name}", x
+        named["options/share"] = steps / np.maximum(steps.sum(-1, keepdims=True), 1.0)
+        named["options/duration"] = mean_duration(steps, activations)
+    named |= {f"{describe(name).group}/{_known_name(name)}": x for name, x in shown.items()}
+    return columns(named)
 
 
 def _known_name(name: str) -> str:
+    """Return the name under which a policy's divergence or clipping is known elsewhere."""
     for ending, known in (("_kl", "approx_kl"), ("_clip_fraction", "clip_fraction")):
-        if name.endswith(ending):
+        if describe(name) is VOCABULARY[f"*{ending}"]:
             return f"{known}_{name.removesuffix(ending)}"
     return name
-
-
-def _ratio(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return x / y, NaN where y is zero."""
-    return np.divide(x, y, out=np.full(x.shape, np.nan), where=np.broadcast_to(y > 0, x.shape))

@@ -29,11 +29,13 @@ PLAIN_INTERVAL = 10.0  # seconds between lines where there is no terminal
 COLUMNS = 80  # of a line where there is no terminal
 RETURN = f"return of the last {RECENT_EPISODES} episodes"
 EVALUATION = "return of the last evaluation"
+BEST = "best of"  # so many settings: this one
 # What such a line says, as far as it fits: what is shown, and how it is said there.
 IN_A_LINE = {
     "diverged seeds": "diverged seeds: {}",
     "unstable physics": "unstable in {}",
     RETURN: "return {}",
+    BEST: "best of {}",
     EVALUATION: "evaluation {}",
     "steps/s": "{} per s",
     "option duration": "options last {}",
@@ -141,7 +143,7 @@ class TerminalSink(Sink):
         speed = self._mean("steps_per_second").sum()  # of all trainings together
         facts = [] if np.isnan(speed) else [("steps/s", f"{speed:,.0f}")]
         if swept := self._trainings[int(best.argmax())].swept:
-            facts.append((f"best of {len(set(self._settings))} settings", label_of(swept)))
+            facts.append((BEST, f"{len(set(self._settings))}: {label_of(swept)}"))
         returns = newest["recent_return"][best]
         known = returns[~np.isnan(returns)]
         if known.size:
