@@ -45,8 +45,8 @@ class Corridor:
 AGENTS = [
     PPO(minibatch_size=128, **SMALL),
     MOPG(minibatch_size=128, num_options=2, mutual_information="action", **SMALL),
-    DAC(minibatch_size=128, num_options=2, **SMALL),
-    IOPG(num_options=2, **SMALL),
+    pytest.param(DAC(minibatch_size=128, num_options=2, **SMALL), marks=pytest.mark.whole),
+    pytest.param(IOPG(num_options=2, **SMALL), marks=pytest.mark.whole),
 ]
 
 

@@ -38,9 +38,12 @@ class Guess:
 
 
 AGENTS = [
-    PPO(action_reads=("state",), **SMALL),
+    pytest.param(PPO(action_reads=("state",), **SMALL), marks=pytest.mark.whole),
     MOPG(num_options=2, action_reads=("state",), master_reads=("state",), **SMALL),
-    DAC(num_options=2, action_reads=("state",), master_reads=("state",), **SMALL),
+    pytest.param(
+        DAC(num_options=2, action_reads=("state",), master_reads=("state",), **SMALL),
+        marks=pytest.mark.whole,
+    ),
 ]
 
 

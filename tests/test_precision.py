@@ -113,6 +113,7 @@ def test_training_and_evaluation_give_the_same_numbers():
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-4), wide, default)
 
 
+@pytest.mark.whole
 def test_the_command_line_trains_and_evaluates_under_x64(tmp_path, variables):
     """In a process of its own: what was traced before the setting changed would be used after."""
     algo = [f"algo.{k}={v}" for k, v in QUICK["algo"].items() if k != "name"]

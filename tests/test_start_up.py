@@ -4,6 +4,8 @@ import json
 import subprocess
 import sys
 
+import pytest
+
 from hitmdp_jax.__main__ import COMMANDS
 
 HEAVY = ("jax", "brax", "mujoco", "flax", "distrax", "orbax", "matplotlib", "plotly", "scipy")
@@ -95,6 +97,7 @@ for first in sys.argv[1:]:
 """
 
 
+@pytest.mark.whole
 def test_nothing_is_printed_where_warp_is_missing():
     """MJX prints two lines then, of which a user can make nothing."""
     assert output_of(EACH, *FIRST) == ""

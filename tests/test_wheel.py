@@ -47,6 +47,7 @@ print("done")
 
 
 @pytest.mark.timeout(600)
+@pytest.mark.whole
 def test_a_wheel_trains_evaluates_and_loads_in_an_empty_folder(site, tmp_path):
     assert {p.name for p in site.iterdir()} >= {"hitmdp_jax"}
     assert not (site / "tests").exists()

@@ -30,6 +30,17 @@ def name(request):
     return request.param
 
 
+BY_DEFAULT = ("mopg", "ppo", "hit_sac")  # whose learning is tried in every run of the tests
+LEARNERS = [
+    pytest.param(x, marks=() if x in BY_DEFAULT else pytest.mark.whole) for x in sorted(AGENTS)
+]
+
+
+@pytest.fixture(params=LEARNERS)
+def learner(request):
+    return request.param
+
+
 @pytest.fixture
 def agent(name):
     return make_agent(name)
@@ -144,8 +155,8 @@ def learnt(name):
     return compiled(jax.vmap(run))(np.array([0.0, 3e-3]))
 
 
-def test_metrics_are_finite(name):
-    for metric, value in learnt(name)[2].items():
+def test_metrics_are_finite(learner):
+    for metric, value in learnt(learner)[2].items():
         assert np.isfinite(value).all(), metric
 
 
@@ -166,17 +177,17 @@ def unscaled(params):
     return params | {"critic": {"body": critic["body"]}}
 
 
-def test_two_learning_rates_train_in_one_program(name):
-    untrained, trained, _ = (unscaled(x) for x in learnt(name))
+def test_two_learning_rates_train_in_one_program(learner):
+    untrained, trained, _ = (unscaled(x) for x in learnt(learner))
     same = jax.tree.map(lambda x, y: np.allclose(x[0], y[0], atol=1e-6), trained, untrained)
     moved = jax.tree.map(lambda x, y: not np.allclose(x[1], y[1], atol=1e-6), trained, untrained)
     assert all(jax.tree.leaves(same))
     assert any(jax.tree.leaves(moved))
 
 
-def test_learns_to_hit_the_target(name):
+def test_learns_to_hit_the_target(learner):
     """The best return is 1; the first policy's is 1 - 1/3 - its variance, at most 0.3."""
-    returns = learnt(name)[2]["episode_return"][1].reshape(40, -1).mean(1)
+    returns = learnt(learner)[2]["episode_return"][1].reshape(40, -1).mean(1)
     assert returns[:3].mean() < 0.55
     assert returns[-5:].mean() > 0.75
 

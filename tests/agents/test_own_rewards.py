@@ -123,6 +123,7 @@ def test_without_rewards_of_their_own_there_is_no_second_critic():
     assert "own_critic" in random_params(Compiled(AGENT))
 
 
+@pytest.mark.whole
 def test_a_training_learns_from_them_and_seeds_in_one_program_are_seeds_alone():
     env = make_env("trap/point", physics="native")
     agent = MOPG(

@@ -276,6 +276,7 @@ def trained():
     return compiled(jax.vmap(run))(keys), compiled(run)(keys[1])
 
 
+@pytest.mark.whole
 def test_a_seed_learns_alone_what_it_learns_beside_others(trained):
     (state, metrics), (alone, of_alone) = trained
     jax.tree.map(
@@ -286,6 +287,7 @@ def test_a_seed_learns_alone_what_it_learns_beside_others(trained):
     jax.tree.map(lambda x, y: np.testing.assert_array_equal(x[1], y), state.replay, alone.replay)
 
 
+@pytest.mark.whole
 def test_the_replay_holds_what_followed_and_not_what_a_reset_showed(trained):
     """The task counts its steps and never ends: every end is a time limit, and bootstraps."""
     replay = trained[1][0].replay

@@ -51,7 +51,10 @@ def test_everything_is_measured_on_a_cpu(monkeypatch, capsys):
 
 @pytest.mark.parametrize(
     "algo",
-    [name if name == "mopg" else pytest.param(name, marks=pytest.mark.slow) for name in AGENTS],
+    [
+        pytest.param(name, marks=pytest.mark.whole if name == "mopg" else pytest.mark.slow)
+        for name in AGENTS
+    ],
 )
 def test_a_training_on_mjx_lowers_for_cuda(algo):
     """Nothing in it is for CPUs alone. Whether a GPU then runs it, only a GPU can tell."""

@@ -97,6 +97,7 @@ def test_a_callback_adds_a_metric_and_another_one_ends_the_run(command, own, tmp
     assert "is finished: 8,192 env steps" in command("train", f"resume={run_dir}").stdout
 
 
+@pytest.mark.whole
 def test_a_run_ends_at_its_return_and_goes_on_where_it_is_asked_to(command, tmp_path):
     run_dir = tmp_path / "run"
     result = command("train", *SHORT, "stop_at_return=-1e9", f"run_dir={run_dir}")
@@ -153,6 +154,7 @@ def test_a_metric_that_is_not_listed_is_told_and_what_was_learned_is_kept(comman
 
 
 @pytest.mark.parametrize("trusted", [False, True])
+@pytest.mark.whole
 def test_a_strangers_callbacks_are_run_by_nobody_who_does_not_trust_them(
     trusted, command, own, tmp_path, monkeypatch
 ):

@@ -74,6 +74,7 @@ def scored_here(command, monkeypatch):
 
 
 @pytest.mark.usefixtures("arms_here", "scored_here")
+@pytest.mark.whole
 def test_a_table_is_trained_published_and_not_trained_again(command, tmp_path):
     part = ["tasks=invertedpendulum", "arms=mopg", *SMALL, "total_steps=2048", "seeds=2"]
     arguments = ["table2", *part]
@@ -117,6 +118,7 @@ def test_a_table_is_trained_published_and_not_trained_again(command, tmp_path):
     assert "was published with other settings (algo.gamma: 0.9 here, 0.99 there)" in other.stderr
 
 
+@pytest.mark.whole
 def test_an_experiment_of_ones_own_is_trained_and_told_on_its_page(
     command, tmp_path, arms_here, monkeypatch, request
 ):
@@ -157,6 +159,7 @@ def test_an_experiment_of_ones_own_is_trained_and_told_on_its_page(
 COMPARE = ("compare", "arms=ppo", *(x for x in QUICK if x != "algo=ppo"))
 
 
+@pytest.mark.whole
 def test_ctrl_c_reaches_the_training_which_saves_and_goes_on_later(command, tmp_path):
     settings = (*COMPARE, "total_steps=400_000", f"run_dir={tmp_path}")
     run_dir = tmp_path / "invertedpendulum" / "ppo-0-1"

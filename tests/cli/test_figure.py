@@ -96,6 +96,7 @@ def test_bad_input_is_explained(command, run_dir, arguments, sentence):
 
 
 @pytest.mark.parametrize("name", OF_MODELS)
+@pytest.mark.whole
 def test_a_figure_of_random_frameworks_is_written(command, tmp_path, name):
     out = tmp_path / "theory" / f"{name}.png"
     result = command("figure", name, "--seed", "1", "--out", out)

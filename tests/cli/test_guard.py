@@ -135,6 +135,7 @@ def test_a_path_is_taken_letter_for_letter(path, name):
         assert str(folder_setting(values, name)) == path
 
 
+@pytest.mark.whole
 def test_a_run_in_a_folder_of_odd_letters_whose_output_is_lost(start, command, tmp_path):
     """Training goes on where nothing can be printed; its folder's name is no URL and no pattern."""
     run_dir = tmp_path / "#(ä{ %41?=,'*"

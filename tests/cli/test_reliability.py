@@ -99,6 +99,7 @@ def small_disk(tmp_path):
     subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
+@pytest.mark.whole
 def test_a_full_disk_ends_nothing_that_was_saved(start, command, small_disk):
     """The disk fills up after the first checkpoints: the run goes on and says what it could not."""
     run_dir = small_disk / "run"
@@ -118,6 +119,7 @@ def test_a_full_disk_ends_nothing_that_was_saved(start, command, small_disk):
     assert len(rows_of(run_dir)) == 10
 
 
+@pytest.mark.whole
 def test_what_is_killed_before_its_first_checkpoint_starts_again(start, command, tmp_path):
     run_dir = tmp_path / "run"
     process = start("train", *QUICK, "total_steps=4096", f"run_dir={run_dir}")

@@ -87,6 +87,7 @@ def test_a_run_leaves_what_it_promises(finished):
     )
 
 
+@pytest.mark.whole
 def test_the_default_folder_names_env_algorithm_and_time_and_is_taken_once(command, tmp_path):
     arguments = (*QUICK, "total_steps=2048")
     for _ in range(2):
@@ -113,6 +114,7 @@ def test_resuming_continues_exactly(command, finished, tmp_path):
     assert [event.step for event in events] == [2048 * i for i in range(1, 9)]
 
 
+@pytest.mark.whole
 def test_a_run_that_began_with_another_resumes_without_beginning_with_it_again(
     command, finished, tmp_path
 ):
@@ -139,6 +141,7 @@ def test_a_finished_run_says_so(command, finished):
     assert sorted(finished[0].rglob("*")) == before
 
 
+@pytest.mark.whole
 def test_a_transfer_switches_tasks_and_resumes_on_either_side(command, tmp_path):
     """Two seeds, so that a state restored at the switch has to find its two devices."""
     pair = ("experiment=transfer", "pair=cartpole", "algo=ppo", "physics=native", "seeds=2")
@@ -187,6 +190,7 @@ def test_a_task_without_its_extra_makes_no_folder(monkeypatch, tmp_path):
     assert not folder.exists()
 
 
+@pytest.mark.whole
 def test_ten_seeds_finish(command, tmp_path):
     """Batched factorisations and two devices once hung for ever on two cores."""
     arguments = (*QUICK, "seeds=10", "total_steps=4096")
@@ -243,6 +247,7 @@ class Own(PPO):
 """
 
 
+@pytest.mark.whole
 def test_a_second_signal_stops_at_once_also_files_that_make_arrays_when_they_are_imported(
     start, tmp_path
 ):
@@ -263,6 +268,7 @@ def test_a_second_signal_stops_at_once_also_files_that_make_arrays_when_they_are
     assert scored.returncode == 0, err
 
 
+@pytest.mark.whole
 def test_a_signal_while_compiling_is_heard(start, tmp_path):
     process = start("train", "env=walker2d", "algo=ppo", f"run_dir={tmp_path / 'run'}")
     assert "ppo on walker2d" in process.stdout.readline()
@@ -343,6 +349,7 @@ def test_a_run_whose_last_checkpoint_is_torn_is_not_finished(command, tmp_path):
     assert "is finished" in command("train", f"resume={run_dir}").stdout
 
 
+@pytest.mark.whole
 def test_own_task_and_algorithm_train_resume_evaluate_and_load(command, tmp_path):
     task = CHECKOUT / "examples" / "own_task.py"
     algo = CHECKOUT / "examples" / "own_algorithm.py"
@@ -381,6 +388,7 @@ def test_errors_of_a_users_own_code_keep_their_traceback(command, tmp_path):
     assert "No module named 'nothing_of_that_name'" in result.stderr
 
 
+@pytest.mark.whole
 def test_importing_is_quick_silent_and_free_of_effects_and_set_up_heeds_the_cores(variables):
     """In a process of its own, which may use one core. Nothing else is imported."""
     code = (

@@ -15,6 +15,7 @@ from hitmdp_jax.runs.checkpoint import Progress
 from tests.cli.conftest import SMALL
 
 
+@pytest.mark.whole
 def test_a_run_is_filmed_into_its_folder(command, finished, tmp_path):
     run_dir, _ = finished
     out = tmp_path / "films"
@@ -51,6 +52,7 @@ def test_a_video_may_be_given_a_name(command, finished, tmp_path):
     assert {path.name for path in (tmp_path / "a").iterdir()} == {"b.mp4", "b.png"}
 
 
+@pytest.mark.whole
 def test_a_run_is_filmed_while_it_goes_on(command, tmp_path):
     """What was filmed is known by environment steps, and TensorBoard shows it."""
     settings = ("env=invertedpendulum", "physics=native", *SMALL, "seeds=2", "seed=3")

@@ -128,6 +128,7 @@ def test_what_cannot_be_written_is_told_before_the_work(
 
 
 @pytest.mark.parametrize(("line", "name"), FILES)
+@pytest.mark.whole
 def test_a_full_disk_leaves_the_old_file(command, run_dir, monkeypatch, line, name):
     """The disk is full when the file is written, which another command line wrote before."""
     path = run_dir / name
@@ -180,6 +181,7 @@ def test_what_nothing_reads_may_be_damaged(command, run_dir):
 
 
 @pytest.mark.parametrize("name", ["sweep.csv", "sweep.md", "figures/sweep.png", CURVE])
+@pytest.mark.whole
 def test_a_full_disk_leaves_what_was_told_of_a_sweep(swept, monkeypatch, name):
     path = swept / name
     path.parent.mkdir(exist_ok=True)
@@ -195,6 +197,7 @@ def test_a_full_disk_leaves_what_was_told_of_a_sweep(swept, monkeypatch, name):
     assert path.read_bytes() != b"old"
 
 
+@pytest.mark.whole
 def test_a_full_disk_leaves_what_is_published_of_a_task(finished, tmp_path, monkeypatch):
     """Whichever of its files is being written."""
     folder_of_task = tmp_path / "results" / "swimmer"
@@ -225,6 +228,7 @@ def test_a_full_disk_leaves_what_is_published_of_a_task(finished, tmp_path, monk
     ("line", "name"),
     [(PAGE, "docs/results.md"), (PAGE, "results/table2.png"), (CURVES, "results.html")],
 )
+@pytest.mark.whole
 def test_a_full_disk_leaves_the_page_of_what_is_published(
     command, tmp_path, monkeypatch, line, name
 ):

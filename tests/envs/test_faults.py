@@ -15,7 +15,11 @@ LOST = 3
 
 @pytest.fixture(
     scope="module",
-    params=[("halfcheetah", "native"), ("ant", "native"), ("dmc/cartpole_balance", "mjx")],
+    params=[
+        ("halfcheetah", "native"),
+        ("ant", "native"),
+        pytest.param(("dmc/cartpole_balance", "mjx"), marks=pytest.mark.whole),
+    ],
 )
 def batch(request):
     """Return the compiled step, the states of 8 environments and their actions."""

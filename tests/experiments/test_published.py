@@ -184,6 +184,7 @@ def test_nothing_is_read_where_nothing_is_published(tmp_path):
     assert published.read(tmp_path / "none") == {}
 
 
+@pytest.mark.whole
 def test_published_policies_are_small_and_can_be_loaded():
     files = sorted((CHECKOUT / "results").glob("*/*.policy"))
     assert len(files) == 18
@@ -194,6 +195,7 @@ def test_published_policies_are_small_and_can_be_loaded():
         assert all(np.isfinite(x).all() for x in jax.tree.leaves(policy.params))
 
 
+@pytest.mark.whole
 def test_what_is_published_is_of_the_settings_that_its_experiment_has_today():
     """A cell of each algorithm: else 'hitmdp experiment' would refuse to go on with it."""
     seen = set()

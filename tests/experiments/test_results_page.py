@@ -44,6 +44,7 @@ def test_the_page_is_that_of_the_published_results(published):
     assert written == (CHECKOUT / "docs/results.md").read_text()
 
 
+@pytest.mark.whole
 def test_narrow_tables_have_every_cell_of_the_wide_one(published):
     every, cells = published
     for one in every.values():

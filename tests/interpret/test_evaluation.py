@@ -69,6 +69,7 @@ def test_a_single_episode_has_no_standard_error():
     assert Scores(np.array([1.0, 3.0]), np.array([5, 5])).standard_error == pytest.approx(1.0)
 
 
+@pytest.mark.whole
 def test_engines_and_gymnasium_agree():
     """An untrained policy drops the pole after a few steps, in every engine alike."""
     policies = untrained(4, KEYS[:1])

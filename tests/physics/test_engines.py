@@ -77,7 +77,7 @@ def test_current_fields_are_those_of_the_state_reached(engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+@pytest.mark.parametrize("integrator", ["Euler", pytest.param("RK4", marks=pytest.mark.whole)])
 def test_derived_fields_are_those_of_the_last_substep(engine, integrator):
     """With RK4, of its last stage; external forces are zero before any."""
     model = mujoco.MjModel.from_xml_string(LANDING.format(integrator))

@@ -99,6 +99,7 @@ print(float(out.max()) == 0.5**50)
 """
 
 
+@pytest.mark.whole
 def test_devices_call_it_at_the_same_time():
     """Large matrices, and as many devices as threads: `pure_callback` waits for ever here."""
     environment = os.environ | {"NPROC": "2"}
@@ -118,6 +119,7 @@ def test_other_platforms_call_it_on_the_host(sums, monkeypatch):
     assert function.shapes == [(10, 3)]
 
 
+@pytest.mark.whole
 def test_programs_are_taken_from_the_compilation_cache(tmp_path, variables):
     """A second process compiles nothing that steps `physics=native`."""
     code = (

@@ -24,6 +24,7 @@ def fallen():
     return states, actions[0]
 
 
+@pytest.mark.whole
 def test_contacts_of_many_worlds_all_have_room(fallen):
     """Where they had not, cheetahs fell through the floor: velocities were off by 6.5."""
     states, action = fallen
@@ -34,6 +35,7 @@ def test_contacts_of_many_worlds_all_have_room(fallen):
     assert error.max() < 1e-2
 
 
+@pytest.mark.whole
 def test_a_world_has_room_for_every_contact(fallen):
     """A cheetah in the floor has more than MJX's budget keeps, and takes more iterations."""
     states, action = jax.tree.map(lambda x: x[:4], fallen)
@@ -48,6 +50,7 @@ def test_a_world_has_room_for_every_contact(fallen):
     np.testing.assert_allclose(ours.qvel, theirs.qvel, atol=1e-3)
 
 
+@pytest.mark.whole
 def test_a_training_steps_on_warp_as_each_seed_alone(fallen):
     """Seeds and environments are two maps around a step; their worlds share one list."""
     states, action = jax.tree.map(lambda x: x[:6].reshape(2, 3, *x.shape[1:]), fallen)

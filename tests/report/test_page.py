@@ -5,6 +5,7 @@ import re
 from html.parser import HTMLParser
 
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
@@ -47,6 +48,7 @@ def headings(page):
     return re.findall("<h[23]>(.*?)</h[23]>", page)
 
 
+@pytest.mark.whole
 def test_of_a_single_option_is_shown_what_it_has_to_show(tmp_path):
     page = page_of(tmp_path, 1, seeds=1)
     assert headings(page) == [

@@ -95,6 +95,7 @@ SIZES = [devices.SIDE_BY_SIDE, pytest.param(1, marks=pytest.mark.slow)]
 
 
 @pytest.mark.parametrize("side_by_side", SIZES)
+@pytest.mark.whole
 def test_seeds_on_two_devices_equal_each_alone(side_by_side, alone, monkeypatch):
     """Three seeds, which two devices do not divide; a device's two at once, or one by one."""
     monkeypatch.setattr(devices, "SIDE_BY_SIDE", side_by_side)
@@ -105,6 +106,7 @@ def test_seeds_on_two_devices_equal_each_alone(side_by_side, alone, monkeypatch)
     assert_alike(together, alone)
 
 
+@pytest.mark.whole
 def test_environments_on_two_devices_equal_environments_on_one(alone, monkeypatch):
     """State, parameters, normaliser and metrics; and each device steps its own half."""
     whole, rows_seen = pool.Pool.run, set()

@@ -102,6 +102,7 @@ def assert_alone_ends_alike(command, together, *settings):
     assert_alike(state_of(together), state_of(alone))
 
 
+@pytest.mark.whole
 def test_two_processes_stop_together_and_one_goes_on_as_it_would_alone(
     start_two, command, tmp_path
 ):

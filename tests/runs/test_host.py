@@ -37,6 +37,7 @@ def run(command):
     return out
 
 
+@pytest.mark.whole
 def test_large_batches_of_factorisations_do_not_hang():
     out = run([sys.executable, "-c", FACTORISATIONS])
     assert int(out.stdout) == available_cores()
@@ -68,6 +69,7 @@ def test_thousands_of_mjx_environments_train(tmp_path):
     assert (tmp_path / "checkpoints").exists()
 
 
+@pytest.mark.whole
 def test_a_file_that_computes_at_its_import_leaves_no_run_without_the_threads_it_needs():
     code = (
         "import jax; from hitmdp_jax.runs.host import present_cores, set_up_host;"

@@ -101,6 +101,7 @@ def test_a_replay_that_does_not_fit_is_refused():
         create(algo=small | {"capacity": 2_000_000_000}, seeds=1000)
 
 
+@pytest.mark.whole
 def test_a_replay_is_written_in_place_and_kept_on_request(tmp_path):
     """Of a checkpoint without it a run goes on with an empty one."""
     plugins.trust(REMEMBERING)
@@ -132,6 +133,7 @@ SAC |= {"replay_size": 8192, "warmup_steps": 4096}  # two reports
 
 
 @pytest.mark.parametrize("kept", [True, False])
+@pytest.mark.whole
 def test_an_off_policy_run_goes_on_exactly_or_fills_its_replay_before_it_learns(kept, tmp_path):
     run = create(algo=SAC, second_env=None, save_replay=kept)
     progress = Progress(0, 0, None)

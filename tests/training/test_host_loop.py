@@ -58,6 +58,7 @@ def assert_same(mine, other):
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6), mine, other)
 
 
+@pytest.mark.whole
 def test_whoever_looks_changes_nothing(keys, history):
     reads = Reads()
     state, metrics = hitmdp_jax.train(AGENT, Target(), keys, callbacks=[reads], **SIZES)
@@ -93,6 +94,7 @@ def test_a_training_ends_at_its_return(keys, history):
     assert_same(metrics["recent_return"], returns)
 
 
+@pytest.mark.whole
 def test_a_replay_whose_memory_is_reused_holds_what_it_would(keys):
     agent = Remembering(num_epochs=1, hidden_sizes=(8,))
     state, _ = hitmdp_jax.train(agent, Target(), keys[0], stop_at_return=1e9, **SIZES)

@@ -62,6 +62,7 @@ def swept():
     return jax.jit(train)(agents, jax.vmap(jax.random.key)(jnp.arange(2)))
 
 
+@pytest.mark.whole
 def test_agents_and_keys_map_together(swept):
     _, metrics = swept
     assert metrics["episode_return"].shape == (2, 3)
@@ -192,6 +193,7 @@ def sound(options):
     return with_options(options)
 
 
+@pytest.mark.whole
 def test_repeated_iterations_sum_up_their_metrics(options, sound):
     states, each = sound
     again, together = options[2](NO_POISON, states[0])

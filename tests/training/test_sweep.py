@@ -61,6 +61,7 @@ def test_random_settings_come_from_their_ranges_and_from_the_seed_alone():
     assert 0.5 <= uniform["algo.gamma"] <= 0.6
 
 
+@pytest.mark.whole
 def test_a_training_of_a_sweep_equals_the_training_alone():
     """Three settings of a seed as one program, and the second of them on its own."""
     swept = config(sweep=RANDOM, samples=3, seed=3)
@@ -121,6 +122,7 @@ TURKEY = {"env": {"name": "toy/turkey"}, "physics": "mjx"}
     # The rate changes what is learned of the first rollout, and not its loss.
     (TURKEY, {"env.stuffed_reward": [5.0, 20.0], "algo.learning_rate": [1e-4, 1e-2]}, 2),
 ])  # fmt: skip
+@pytest.mark.whole
 def test_a_task_whose_number_is_swept_trains_as_it_does_alone(task, sweep, losses):
     swept = config(**task, sweep=sweep, seed=3)
     together = first_iteration(swept)

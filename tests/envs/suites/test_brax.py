@@ -1,5 +1,6 @@
 import jax
 import numpy as np
+import pytest
 
 from hitmdp_jax import make_env
 from hitmdp_jax.envs.spec import spec_of
@@ -8,6 +9,7 @@ from hitmdp_jax.envs.vector import VectorEnv
 NUM_ENVS = 4
 
 
+@pytest.mark.whole
 def test_brax_environment_runs_through_episodes_of_its_own():
     env = make_env("brax/inverted_pendulum", backend="spring")
     assert env.backend == "spring"

@@ -103,6 +103,7 @@ def assert_shown(env, mine, theirs):
 
 
 @pytest.mark.parametrize("name", ["Asterix-MinAtar", "Seaquest-MinAtar", "Pong-misc"])
+@pytest.mark.whole
 def test_planes_of_squares_are_whole_in_booleans(name, key):
     """Of the tasks whose library adds up numbers: the others' are booleans there, too."""
     env = make_env(f"gymnax/{name}")
@@ -125,6 +126,7 @@ def test_planes_of_squares_are_whole_in_booleans(name, key):
     np.testing.assert_array_equal(mine, theirs)
 
 
+@pytest.mark.whole
 def test_minigrid_steps_as_it_does_by_itself(key):
     name, view = "MiniGrid-DoorKey-5x5", 5
     env = make_env(f"xminigrid/{name}", view_size=view, max_steps=STEPS - 10)

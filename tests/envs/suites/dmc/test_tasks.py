@@ -68,7 +68,7 @@ TASKS = {  # arguments of `SuiteTask`
     "dmc/walker_backward": ("walker", "walk", walk_backward),
 }
 DOMAINS = {arguments[0]: name for name, arguments in reversed(TASKS.items())}  # a task of each
-MJX_BY_DEFAULT = "dmc/reacher_easy"  # stands for all; each program takes long to compile
+MJX_FOR_ALL = "dmc/reacher_easy"  # stands for all; each program takes long to compile
 
 
 def states_of(oracle):
@@ -104,7 +104,10 @@ def test_native_steps_as_the_suite(name):
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=() if n == MJX_BY_DEFAULT else pytest.mark.slow) for n in TASKS],
+    [
+        pytest.param(n, marks=pytest.mark.whole if n == MJX_FOR_ALL else pytest.mark.slow)
+        for n in TASKS
+    ],
 )
 def test_mjx_steps_as_the_suite(name):
     assert_agree(name, "mjx", num_steps=1)

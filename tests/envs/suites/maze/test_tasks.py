@@ -21,7 +21,7 @@ MAZES = {  # arguments of `RoboticsMaze`
     ),
     ANT: ("AntMaze_UMaze-v5",),
 }
-MJX_BY_DEFAULT = "maze/point_umaze"  # stands for all
+MJX_FOR_ALL = "maze/point_umaze"  # stands for all
 # How states are found in which a robot touches walls.
 OF_THE_BALL, OF_THE_ANT = {"reach": 0.1, "hold": 20}, {"reach": 0.9, "hold": 1}
 NUM_DRAWS = 4000
@@ -57,7 +57,10 @@ def test_dense_reward_and_an_end_at_the_goal_are_gymnasium_robotics(name, keywor
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=() if n == MJX_BY_DEFAULT else pytest.mark.slow) for n in MAZES],
+    [
+        pytest.param(n, marks=pytest.mark.whole if n == MJX_FOR_ALL else pytest.mark.slow)
+        for n in MAZES
+    ],
 )
 def test_mjx_steps_as_gymnasium_robotics(name):
     if name == ANT:
