@@ -45,7 +45,14 @@ def run(arguments: argparse.Namespace) -> None:
 
         runs = _named(configs)
         commands = {name: command_line(config) for name, (_, config) in runs.items()}
-        _save(comparison_page(runs, commands), out)
+        films = {
+            name: _Shown(run_dir, config, _median(run_dir, config), 1).video
+            for name, (run_dir, config) in runs.items()
+        }
+        set_up_host(ENGINE, 16)
+        with working("writing the report"):
+            content = comparison_page(runs, commands, films)
+        _save(content, out)
 
 
 def write(

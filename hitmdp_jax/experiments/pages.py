@@ -1,7 +1,7 @@
 """The pages about several runs [HTML]: their returns, their curves, and what made them."""
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,21 +16,27 @@ from hitmdp_jax.interpret.returns import length_warning, one_window
 from hitmdp_jax.interpret.statistics import bootstrap_interval, interquartile_mean
 from hitmdp_jax.interpret.summary import Summary, summarize
 from hitmdp_jax.report.interactive import chart, learning_curves
-from hitmdp_jax.report.page import Parts, drawing, page, preformatted, text
+from hitmdp_jax.report.page import Parts, beside, drawing, film, heading, page, preformatted, text
 from hitmdp_jax.report.page import table as html_table
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.metrics import Metrics, by_setting, read_metrics
 from hitmdp_jax.runs.provenance import made_with
 
+FILMED = 4  # runs
 _Any = TypeVar("_Any")
 
 
-def comparison_page(runs: Mapping[str, tuple[Path, RunConfig]], commands: Mapping[str, str]) -> str:
+def comparison_page(
+    runs: Mapping[str, tuple[Path, RunConfig]],
+    commands: Mapping[str, str],
+    films: Mapping[str, Callable[[Path], None]],
+) -> str:
     """Return the page about several runs.
 
     Args:
       runs: name -> folder and settings; the first is what the others are measured against.
       commands: name -> what trains what its settings say.
+      films: name -> what writes a video of its policy to a path; UsageError where it cannot.
     """
     metrics: dict[str, Metrics] = {}
     settings: dict[str, Summary] = {}
@@ -46,15 +52,23 @@ def comparison_page(runs: Mapping[str, tuple[Path, RunConfig]], commands: Mappin
         if warning := length_warning({name: run.env_steps for name, run in settings.items()}):
             yield text(warning)
         yield _intervals(looks, settings)
-        yield html_table(table(settings, control, each=True))
+        yield html_table(table(settings, control, each=True), "Returns")
         window = one_window(run.window for run in settings.values())
         yield text(f"Returns are those of {window}; {control} is the control.")
 
     def curves() -> Parts:
-        yield chart(learning_curves(metrics, looks, _switches(settings)))
+        yield chart(learning_curves(metrics, looks, _switches(settings)), "Learning curves")
 
     def seeds() -> Parts:
         yield _profiles(looks, settings)
+
+    def videos() -> Parts:
+        if len(films) > FILMED:
+            raise UsageError(f"They are shown of {FILMED} runs at most.")
+        yield beside(
+            heading(name) + film(write, f"The beginning of an episode of {name}")
+            for name, write in films.items()
+        )
 
     def made_by() -> Parts:
         yield preformatted("\n".join(commands.values()))
@@ -64,6 +78,7 @@ def comparison_page(runs: Mapping[str, tuple[Path, RunConfig]], commands: Mappin
     titles = sorted({config.title for _, config in runs.values()})
     sections = {
         "Returns": returns,
+        "Videos": videos,
         "Learning": curves,
         "What share of seeds reaches a return": seeds,
         "Commands": made_by,
@@ -85,7 +100,7 @@ def _task(cells: Mapping[str, Cell]) -> Parts:
         curves |= _named(arm, by_setting(cell.summary.config, drawn))
         settings |= _named(arm, cell.summary.by_setting())
     looks = _looks(settings)
-    yield chart(learning_curves(curves, looks, _switches(settings), window=1))
+    yield chart(learning_curves(curves, looks, _switches(settings), window=1), "Learning curves")
     yield _intervals(looks, settings)
     yield text(
         "Above: the last 100k steps of every seed, the interquartile mean, and its 95% interval "

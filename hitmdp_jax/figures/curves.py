@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,6 +17,7 @@ from hitmdp_jax.learning.options import mean_duration
 from hitmdp_jax.runs.folder import FIGURES, replaced, subfolder
 from hitmdp_jax.runs.metrics import read_metrics
 
+TITLE = 45  # letters of a figure's title on one line
 WINDOW = 20  # iterations a curve is smoothed over, as in the paper's figures
 THIN, FAINT = 0.7, 0.5  # width and opacity of a single seed's line
 
@@ -103,7 +105,7 @@ def label_curves(axes: Axes, title: str, switch_at: int | None) -> None:
     label_steps(axes)
     axes.set(
         ylabel=f"episode return, mean over {WINDOW} iterations",
-        title=plain(title),
+        title=fill(plain(title), TITLE),
     )
     axes.grid(alpha=0.3)
     mark_switch(axes, switch_at)
@@ -192,7 +194,7 @@ def option_durations(
     for k, duration in enumerate(durations):
         duration_axes.plot(steps, duration, color=colors[k], label=f"option {k}")
     usage_axes.stackplot(steps, shares, colors=colors)
-    duration_axes.set(ylabel="mean duration (steps)", yscale="log", title=plain(title))
+    duration_axes.set(ylabel="mean duration (steps)", yscale="log", title=fill(plain(title), TITLE))
     duration_axes.grid(alpha=0.3)
     plain_log(duration_axes.yaxis)
     for axes in (duration_axes, usage_axes):

@@ -6,6 +6,7 @@ other figure is the same on the page and on paper, and is drawn once, by Matplot
 """
 
 import html
+import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -22,7 +23,6 @@ from hitmdp_jax.interpret.perturbation import strongest
 from hitmdp_jax.report.page import templates
 
 POINTS = 400  # of a curve
-CHART = {"responsive": True, "displayModeBar": False}
 
 
 def learning_curves(
@@ -77,18 +77,23 @@ def _add_curves(
             name=f"{name}, seed {seed}",
             line=line | {"width": 1},
             opacity=0.5 if several else 1.0,
-            showlegend=False,
+            showlegend=not several,
         )
     if several:
-        known = ~np.isnan(values).any(axis=0)
-        mean, thick = values[:, known].mean(axis=0), line | {"width": 3}
-        shown.add_scatter(x=steps[known], y=mean, name=f"{name}, mean", line=thick)
+        # Where a seed has no return yet, as after a switch, the mean has a gap.
+        mean, thick = values.mean(axis=0), line | {"width": 3}
+        shown.add_scatter(x=steps, y=mean, name=f"{name}, mean", line=thick)
 
 
-def chart(shown: go.Figure) -> Markup:
-    """Return a figure as a part of the page; whatever its names hold, they are shown as text."""
-    how = {"include_plotlyjs": False, "full_html": False, "config": CHART}
-    return Markup(go.Figure(as_text(shown.to_plotly_json())).to_html(**how))
+def chart(shown: go.Figure, name: str) -> Markup:
+    """Return a figure as a part of the page; whatever its names hold, they are shown as text.
+
+    Args:
+      shown: what is drawn.
+      name: what it is called where it cannot be seen.
+    """
+    figure = json.loads(str(go.Figure(as_text(shown.to_plotly_json())).to_json()))
+    return Markup(templates.get_template("chart.html").render(figure=figure, name=name))
 
 
 def as_text(part: Any, name: str = "") -> Any:

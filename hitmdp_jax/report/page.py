@@ -2,8 +2,11 @@
 
 import base64
 import dataclasses
+import gzip
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 
 import jinja2
 from markupsafe import Markup
@@ -13,7 +16,8 @@ from plotly.offline import get_plotlyjs
 
 from hitmdp_jax.errors import UsageError
 
-DPI = 150  # of what a drawing holds as pixels
+FILM = '<video controls aria-label="{}" src="data:video/mp4;base64,{}"></video>'
+DPI = 120  # of what a drawing holds as pixels
 Parts = Iterator[Markup]
 templates = jinja2.Environment(
     loader=jinja2.PackageLoader("hitmdp_jax.report"),
@@ -56,8 +60,16 @@ def page(title: str, subtitle: str, sections: Mapping[str, Callable[[], Parts]])
         subtitle=subtitle,
         sections=made,
         left_out=left_out,
-        plotly=Markup(get_plotlyjs()),
+        plotly=packed(get_plotlyjs()),
     )
+
+
+def packed(code: str) -> str:
+    """Return a script as the page holds it: a third of its length, and no markup [base64].
+
+    The same script is the same text, so that the same page is the same file.
+    """
+    return base64.b64encode(gzip.compress(code.encode(), mtime=0)).decode()
 
 
 def drawing(figure: Figure, title: str) -> Markup:
@@ -77,6 +89,26 @@ def drawing(figure: Figure, title: str) -> Markup:
     return source.format(title, encoded)
 
 
+def film(write: Callable[[Path], None], name: str) -> Markup:
+    """Return a video as a part of the page.
+
+    Args:
+      write: writes it to a path; it raises UsageError if it cannot.
+      name: what it is called where it cannot be seen.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "video.mp4"
+        write(path)
+        encoded = base64.b64encode(path.read_bytes()).decode()
+    return Markup(FILM).format(name, encoded)
+
+
+def beside(parts: Iterable[Markup]) -> Markup:
+    """Return parts side by side, as many as there is room for."""
+    each = Markup("").join(Markup("<div>{}</div>").format(part) for part in parts)
+    return Markup('<div class="beside">{}</div>').format(each)
+
+
 def heading(title: str) -> Markup:
     """Return the text above a figure."""
     return Markup("<h3>{}</h3>").format(title)
@@ -89,9 +121,9 @@ def text(sentence: str) -> Markup:
 
 def preformatted(block: str) -> Markup:
     """Return a block of text as it stands."""
-    return Markup("<pre>{}</pre>").format(block)
+    return Markup('<pre tabindex="0">{}</pre>').format(block)
 
 
-def table(rows: Sequence[Sequence[str]]) -> Markup:
-    """Return a table, its header first."""
-    return Markup(templates.get_template("table.html").render(rows=rows))
+def table(rows: Sequence[Sequence[str]], name: str) -> Markup:
+    """Return a table, its header first; `name` is what it is called where it cannot be seen."""
+    return Markup(templates.get_template("table.html").render(rows=rows, name=name))

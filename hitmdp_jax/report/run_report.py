@@ -3,17 +3,15 @@
 The figures about options are those of the catalogue that name a section of this page.
 """
 
-import base64
+import contextlib
 import dataclasses
 import functools
 import math
 import shlex
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from markupsafe import Markup
 
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.figures import registry
@@ -28,7 +26,7 @@ from hitmdp_jax.interpret.statistics import number_text, rounding
 from hitmdp_jax.interpret.summary import rank
 from hitmdp_jax.interpret.verdict import episodes_needed, verdict
 from hitmdp_jax.report.interactive import chart, explorer, learning_curves
-from hitmdp_jax.report.page import Parts, drawing, heading, page, preformatted, table, text
+from hitmdp_jax.report.page import Parts, drawing, film, heading, page, preformatted, table, text
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.metrics import by_setting, read_metrics
 from hitmdp_jax.runs.provenance import made_with
@@ -58,10 +56,11 @@ class RunReport:
 
     def html(self) -> str:
         """Return the page."""
-        shown = self.config.trainings[self.training]
         of_options = {
             section.value: functools.partial(self.options, section) for section in registry.Section
         }
+        if "num_options" not in self.config.algo:
+            of_options = {}  # of an algorithm without options there is nothing to say
         sections = {
             "In short": self.verdict,
             "Video": self.film,
@@ -70,9 +69,21 @@ class RunReport:
             **of_options,
             "Settings": self.settings,
         }
-        several = self.config.algo.get("num_options", 1) > 1
-        subtitle = f"What is said of options is of {shown.name}." if several else ""
-        return page(self.config.title, subtitle, sections)
+        return page(self.config.title, self.subtitle, sections)
+
+    @property
+    def subtitle(self) -> str:
+        """Whose options are shown, where there are several."""
+        config = self.config
+        if config.algo.get("num_options", 1) < 2:
+            return ""
+        task = ""
+        if config.switch_at is not None:
+            with contextlib.suppress(UsageError):  # how far it came is not known
+                second = int(self.metrics["env_steps"].max() > config.switch_at)
+                task = f" on {config.tasks[second]['name']}"
+        of = config.trainings[self.training].name
+        return f"Everything about options on this page describes {of}{task}."
 
     @functools.cached_property
     def metrics(self) -> dict[str, np.ndarray]:
@@ -116,7 +127,7 @@ class RunReport:
     def verdict(self) -> Parts:
         """Say what the run returned, whether its options matter, and what to do next."""
         name, score = self.headline
-        yield text(f"{name}: {score}.")
+        yield text(f"{name.capitalize()}: {score}.")
         try:
             analysis = self.analysis
             analysis.check_several_options()
@@ -158,7 +169,8 @@ class RunReport:
                 *([["each seed", each]] if len(returns) > 1 else []),
                 *([["time", time]] if math.isfinite(minutes) else []),
                 ["made with", made_with(self.run_dir)],
-            ]
+            ],
+            "Facts about the run",
         )
 
     def learning(self) -> Parts:
@@ -168,11 +180,12 @@ class RunReport:
         runs = {algorithm: metrics}
         if config.sweep:
             best = rank(config, metrics)
-            yield table(sweep_table(best))
+            yield table(sweep_table(best), "Settings of the sweep")
             settings = by_setting(config, metrics)
             runs = {name: settings[name] for name in list(best)[:SETTINGS]}
         looks = styles(dict.fromkeys(runs, algorithm))
-        yield chart(learning_curves(runs, looks, dict.fromkeys(runs, config.switch_at)))
+        curves = learning_curves(runs, looks, dict.fromkeys(runs, config.switch_at))
+        yield chart(curves, "Return of every seed while it learned")
         yield text("Thin lines are seeds, over the last 20 iterations each; the policy samples.")
 
     def options(self, section: registry.Section) -> Parts:
@@ -204,11 +217,7 @@ class RunReport:
 
     def film(self) -> Parts:
         """Show how an episode begins, the active option around it and as a strip below."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "video.mp4"
-            self.video(path)
-            encoded = base64.b64encode(path.read_bytes()).decode()
-        yield Markup('<video controls src="data:video/mp4;base64,{}"></video>').format(encoded)
+        yield film(self.video, "The beginning of an episode")
         yield text("The beginning of the first recorded episode.")
 
     def settings(self) -> Parts:
@@ -223,12 +232,12 @@ def usage(analysis: OptionAnalysis) -> Parts:
         lasted = analysis.durations[np.isfinite(analysis.durations[:, k]), k]
         mean = float(lasted.mean()) if lasted.size else np.nan
         rows.append([f"option {k}", f"{analysis.usage[k]:.0%}", number_text(mean)])
-    yield table(rows)
+    yield table(rows, "How often and how long each option acts")
 
 
 def returns(analysis: OptionAnalysis) -> Parts:
     """Tell the returns under each way of choosing options."""
-    yield table(interventions.table(analysis.interventions))
+    yield table(interventions.table(analysis.interventions), "Returns by how options are chosen")
 
 
 def dimensions(analysis: OptionAnalysis) -> Parts:

@@ -3,6 +3,7 @@
 import re
 import shutil
 import time
+from importlib.resources import files
 
 import pytest
 
@@ -23,7 +24,7 @@ SECTIONS = (
 
 
 def sections_of(page):
-    return tuple(re.sub(r"<.*?>", "", title) for title in re.findall(r"<h2>(.*?)</h2>", page))
+    return tuple(re.sub(r"<.*?>", "", title) for title in re.findall(r"<h2[^>]*>(.*?)</h2>", page))
 
 
 @pytest.fixture(scope="module")
@@ -44,17 +45,15 @@ def test_the_page_has_every_section_and_needs_no_network(page):
     assert "python train.py env=invertedpendulum algo=mopg algo.num_epochs=1" in content
 
 
-def test_a_run_ends_with_its_page_which_says_what_is_left_out(command, tmp_path):
+def test_a_run_ends_with_its_page_which_is_without_options_where_it_has_none(command, tmp_path):
     run_dir = tmp_path / "ppo"
     quick = [setting for setting in QUICK if setting != "report=false"]
     settings = (*quick, "total_steps=2048", f"run_dir={run_dir}")
     result = command("train", *settings)
     assert result.returncode == 0, result.stderr
     content = (run_dir / "report.html").read_text()
-    titles = ("In short", "Video", "What was run", "What it learned", "Settings", "Left out")
+    titles = ("In short", "Video", "What was run", "What it learned", "Settings")
     assert sections_of(content) == titles
-    (reason,) = re.findall(r"<li>When each option acts; .*: (.*)</li>", content)
-    assert reason == "PPO has no options to look into."
 
 
 def test_a_run_that_was_cut_short_still_has_a_page(command, finished, tmp_path):
@@ -76,7 +75,8 @@ def test_several_runs_are_compared(command, finished, tmp_path):
     result = command("report", finished[0], other, f"--out={out}")
     assert result.returncode == 0, result.stderr
     content = out.read_text()
-    assert sections_of(content)[0] == "Returns"
+    assert sections_of(content)[:2] == ("Returns", "Videos")
+    assert content.count("<video ") == 2
     assert str(other) in content  # two runs of one algorithm are told apart by their folders
 
 
@@ -112,6 +112,16 @@ def test_a_browser_shows_every_figure(page, width):
         assert chrome.execute_script(empty) == []
         loaded = "return document.querySelector('video').readyState"
         wait_until(lambda: chrome.execute_script(loaded) >= 2)
+        # Below the picture there is room for the controls; a click on its strip of options seeks.
+        clicked = """
+            const video = document.querySelector('video'), box = video.getBoundingClientRect();
+            const picture = box.width * video.videoHeight / video.videoWidth;
+            const clientX = box.left + box.width / 2, clientY = box.top + 0.95 * picture;
+            video.dispatchEvent(new MouseEvent('click', {clientX, clientY, cancelable: true}));
+            return [box.height - picture, video.currentTime / video.duration]"""
+        below, at = chrome.execute_script(clicked)
+        assert below == pytest.approx(76, abs=1)
+        assert at == pytest.approx(0.5, abs=0.02)
         moved = """
             const shown = () => JSON.stringify(
               document.getElementById('explorer-chart').data.map((line) => line.y));
@@ -121,10 +131,21 @@ def test_a_browser_shows_every_figure(page, width):
             return before !== shown()"""
         assert chrome.execute_script(moved)
         assert chrome.get_log("browser") == []
+        assert faults(chrome) == {}
+        dark = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
+        chrome.execute_cdp_cmd("Emulation.setEmulatedMedia", dark)
+        assert faults(chrome) == {}
         asked = "return performance.getEntriesByType('resource').map((entry) => entry.name)"
         assert all(name.startswith("data:") for name in chrome.execute_script(asked))
     finally:
         chrome.quit()
+
+
+def faults(chrome):
+    """Return what axe-core finds that keeps people from reading a page: rule -> elements."""
+    chrome.execute_script(files("axe_core_python").joinpath("axe.min.js").read_text())
+    found = chrome.execute_async_script("axe.run().then(arguments[0])")["violations"]
+    return {rule["id"]: [node["html"] for node in rule["nodes"]] for rule in found}
 
 
 def wait_until(condition):

@@ -59,9 +59,9 @@ def told_by_the_report(run_dir):
 
 
 def told_by_a_comparison(run_dir):
-    page = comparison_page({"ppo": (run_dir, TWO)}, {"ppo": ""})
-    assert "<td>ppo, gamma=0.9</td><td>2</td>" in page
-    (row,) = re.findall(r"<tr><td>(ppo, gamma=0.99</td>.*?)</tr>", page)
+    page = comparison_page({"ppo": (run_dir, TWO)}, {"ppo": ""}, {})
+    assert '<th scope="row">ppo, gamma=0.9</th><td>2</td>' in page
+    (row,) = re.findall(r"<tr><th.*?>(ppo, gamma=0.99</th>.*?)</tr>", page)
     return row.replace("<td>2</td>", "2 seeds")
 
 

@@ -17,7 +17,7 @@ from hitmdp_jax.figures.embeddings import limit_of_changes
 from hitmdp_jax.interpret.interventions import alike
 from hitmdp_jax.interpret.verdict import episodes_needed, verdict
 from hitmdp_jax.report.interactive import explorer
-from hitmdp_jax.report.page import drawing
+from hitmdp_jax.report.page import drawing, packed
 from hitmdp_jax.report.run_report import RunReport
 from hitmdp_jax.runs.sinks import CsvSink
 from tests.interpret.analyses import analysis_of_embeddings
@@ -40,12 +40,11 @@ def page_of(folder, num_options, seeds):
     content = RunReport(
         folder, config, "python train.py", 0, lambda: analysis_of_embeddings(num_options), video
     ).html()
-    content = content.replace(get_plotlyjs(), "")
     return re.sub(r"<script.*?</script>", "", content, flags=re.DOTALL)
 
 
 def headings(page):
-    return re.findall("<h[23]>(.*?)</h[23]>", page)
+    return re.findall("<h[23][^>]*>(.*?)</h[23]>", page)
 
 
 @pytest.mark.whole
@@ -61,10 +60,10 @@ def test_of_a_single_option_is_shown_what_it_has_to_show(tmp_path):
     ]  # fmt: skip
     assert "<li>Do the options differ, and do they matter?: The policy has one option.</li>" in page
     assert "<li>Video: no luck.</li>" in page
-    assert "<p>return of all 2,048 steps: 7.00.</p>" in page
-    assert "What is said of options" not in page
+    assert "<p>Return of all 2,048 steps: 7.00.</p>" in page
+    assert "Everything about options" not in page
     assert "95% interval" not in page
-    assert "<td>return of all 2,048 steps</td>" in page
+    assert '<th scope="row">return of all 2,048 steps</th>' in page
 
 
 def test_several_options_and_seeds_have_the_rest(tmp_path):
@@ -75,16 +74,28 @@ def test_several_options_and_seeds_have_the_rest(tmp_path):
         "How far the options' actions are apart",
     } < {html.unescape(heading) for heading in headings(page)}
     assert "attention" not in page
-    assert "What is said of options is of seed 0." in page
-    in_short = re.search('<section id="in-short">(.*?)</section>', page, re.DOTALL).group(1)
+    assert "Everything about options on this page describes seed 0." in page
+    in_short = re.search('<section id="in-short"[^>]*>(.*?)</section>', page, re.DOTALL).group(1)
     known = analysis_of_embeddings(9)
     for sentence in (*verdict(known.interventions), alike(known.divergence)):
         assert f"<p>{html.escape(sentence)}</p>" in in_short
     assert episodes_needed(known.interventions) is None
-    assert f"<pre>hitmdp evaluate {tmp_path} --choices</pre>" in in_short
+    assert f'<pre tabindex="0">hitmdp evaluate {tmp_path} --choices</pre>' in in_short
     assert "practically nothing" in page
     assert "each of 2 trainings" in page
     assert "7.00 (interquartile mean of 2 seeds)" in page
+
+
+def test_of_a_transfer_the_page_names_the_task_on_which_options_are_shown(tmp_path):
+    config = Settings(["experiment=transfer", "pair=cartpole"]).config()
+    names = ("episode_return", "episodes", "steps_per_second")
+    for steps, task in ((1, "cartpole_balance"), (2, "cartpole_balance_sparse")):
+        (folder := tmp_path / str(steps)).mkdir()
+        sink = CsvSink(folder, config.trainings)
+        sink.write(steps, steps * config.total_steps, dict.fromkeys(names, np.ones(1)))
+        sink.close()
+        told = RunReport(folder, config, "", 0, lambda: None, lambda path: None).subtitle
+        assert told.endswith(f"describes seed 0 on dmc/{task}.")
 
 
 def test_the_explorers_chart_ends_where_the_noise_of_the_actions_does():
@@ -112,7 +123,7 @@ class Tags(HTMLParser):
     def __init__(self, page):
         super().__init__()
         self.found, self.scripts = [], []
-        self.feed(page.replace(get_plotlyjs(), ""))
+        self.feed(page.replace(packed(get_plotlyjs()), ""))
 
     def handle_starttag(self, tag, attrs):
         self.found.append((tag, sorted(name for name, _ in attrs)))
@@ -152,7 +163,7 @@ def pages_of_a_stranger(folder, name):
         raise UsageError(name)
 
     yield RunReport(folder, config, name, 0, lambda: known, video).html()
-    yield comparison_page({name: (folder, config)}, {name: name})
+    yield comparison_page({name: (folder, config)}, {name: name}, {name: video})
 
 
 def test_a_strangers_names_are_text_wherever_they_stand(tmp_path):

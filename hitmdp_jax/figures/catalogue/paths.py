@@ -84,7 +84,9 @@ def _path(axes: Axes, x: np.ndarray, y: np.ndarray, option: np.ndarray) -> None:
     points = np.stack([x, y], axis=1)
     steps = np.stack([points[:-1], points[1:]], axis=1)
     colors = [option_color(k) for k in option[:-1]]
-    axes.add_collection(LineCollection(list(steps), colors=colors, lw=1.5, alpha=0.8))
+    # As pixels: a thousand lines an episode would be most of the page.
+    lines = LineCollection(list(steps), colors=colors, lw=1.5, alpha=0.8, rasterized=True)
+    axes.add_collection(lines)
     axes.plot(x[:1], y[:1], "o", color="black", ms=4, zorder=3)
 
 
