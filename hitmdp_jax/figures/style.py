@@ -1,8 +1,4 @@
-"""Colours belong to names: an option and an algorithm look the same in every figure and page.
-
-All have a contrast of at least 3 on white, and those of the palette are also told apart by eyes
-that lack the red or the green cones.
-"""
+"""Colours belong to names: an option and an algorithm look the same in every figure and page."""
 
 import itertools
 from collections.abc import Mapping
@@ -13,23 +9,13 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 
-PALETTE = (
-    "#4477aa", "#ee6677", "#20733d", "#a88600", "#7a1a70", "#1d9ba6", "#8f1200", "#454545",
-)  # fmt: skip
+from hitmdp_jax.palette import PALETTE, option_color
+
 OWN = PALETTE[-1]  # of an algorithm that does not come with the package
 # Ends of arms' names that always look the same; other arms take what is left.
 VARIANTS = ("-one", "-held", "-printed")
 DASHES = ((4.0, 1.5), (1.0, 1.5), (4.0, 1.5, 1.0, 1.5), (8.0, 2.0), (8.0, 2.0, 1.0, 2.0))
 MARKERS = "osD^Xv"
-
-
-def option_color(k: int) -> str:
-    """Return the colour of option k: the palette's, then mixtures of two of them, then darker."""
-    cycle, k = divmod(k, len(PALETTE))
-    darker, apart = divmod(cycle, 4)  # four apart, both neighbours would give the same mixture
-    pair = np.array([to_rgb(PALETTE[k]), to_rgb(PALETTE[(k + apart) % len(PALETTE)])])
-    red, green, blue = pair.mean(axis=0) * 0.75**darker
-    return to_hex((red, green, blue))
 
 
 NAMES = (

@@ -17,9 +17,11 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
+from rich.text import Text
 
 from hitmdp_jax.learning.episodes import RECENT_EPISODES
 from hitmdp_jax.learning.options import mean_duration
+from hitmdp_jax.palette import option_color
 from hitmdp_jax.runs.sinks.base import Sink, Values
 from hitmdp_jax.training.sweep import Training
 from hitmdp_jax.training.sweep import label as label_of
@@ -137,11 +139,12 @@ class TerminalSink(Sink):
             line = longer if len(longer) <= COLUMNS else line
         return line
 
-    def _facts(self) -> list[tuple[str, str]]:
+    def _facts(self) -> list[tuple[str, str | Text]]:
         """Return the numbers to show: means over the last reports and the seeds of one setting."""
         newest, best = self._recent[-1], self._best()
         speed = self._mean("steps_per_second").sum()  # of all trainings together
-        facts = [] if np.isnan(speed) else [("steps/s", f"{speed:,.0f}")]
+        facts: list[tuple[str, str | Text]] = []
+        facts += [] if np.isnan(speed) else [("steps/s", f"{speed:,.0f}")]
         if swept := self._trainings[int(best.argmax())].swept:
             facts.append((BEST, f"{len(set(self._settings))}: {label_of(swept)}"))
         returns = newest["recent_return"][best]
@@ -158,7 +161,8 @@ class TerminalSink(Sink):
             counts = [np.nansum(m["option_steps"][best], axis=0) for m in self._recent]
             steps = np.sum(counts, axis=0)
             activations = np.sum([np.nansum(m["option_activations"][best]) for m in self._recent])
-            usage = " ".join(f"{share:.0%}" for share in steps / max(steps.sum(), 1))
+            shares = enumerate(steps / max(steps.sum(), 1))
+            usage = Text(" ").join(Text(f"{x:.0%}", option_color(k)) for k, x in shares)
             duration = mean_duration(steps.sum(), activations)
             facts += [("option usage", usage), ("option duration", f"{duration:.1f} steps")]
         for label, suffix in PARTS:

@@ -1,4 +1,5 @@
 import io
+import re
 
 import numpy as np
 import pytest
@@ -90,5 +91,5 @@ def test_a_terminal_shows_progress(shown):
     assert "2048/4096" in text
     assert "50%, elapsed" in text
     assert "option usage" in text
-    assert "75% 25%" in text
+    assert re.search(r"\x1b\[[\d;]+m75%\x1b\[0m \x1b\[[\d;]+m25%\x1b\[0m", text)
     assert "option 0.010, action 0.020" in text
