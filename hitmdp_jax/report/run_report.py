@@ -112,6 +112,15 @@ class RunReport:
         name, score = headline(metrics, self.config.switch_at)
         return name + f", of the best setting, {setting}" * bool(setting), score
 
+    @property
+    def reached(self) -> str:
+        """The share of episodes that reached the goal, the mean over seeds, if the task has one."""
+        metrics = self.best[1]
+        if "success" not in metrics:
+            return ""
+        share = final_returns(metrics, self.config.switch_at, "success").mean()
+        return "" if np.isnan(share) else f"{share:.0%}"
+
     @functools.cached_property
     def analysis(self) -> OptionAnalysis:
         """What the policy's options do."""
@@ -128,6 +137,8 @@ class RunReport:
         """Say what the run returned, whether its options matter, and what to do next."""
         name, score = self.headline
         yield text(f"{name.capitalize()}: {score}.")
+        if reached := self.reached:
+            yield text(f"Of the episodes in those steps, {reached} reached the goal.")
         try:
             analysis = self.analysis
             analysis.check_several_options()

@@ -86,6 +86,17 @@ def test_several_options_and_seeds_have_the_rest(tmp_path):
     assert "7.00 (interquartile mean of 2 seeds)" in page
 
 
+def test_of_a_task_with_a_goal_the_page_says_how_many_episodes_reached_it(tmp_path):
+    config = Settings(["env=maze/point_umaze", "seeds=2"]).config()
+    sink = CsvSink(tmp_path, config.trainings)
+    ended = {"episode_return": np.ones(2), "episodes": np.ones(2), "steps_per_second": np.ones(2)}
+    for iteration, success in ((1, [1.0, 0.0]), (2, [1.0, 1.0])):
+        sink.write(iteration, 2048 * iteration, ended | {"success": np.array(success)})
+    sink.close()
+    _, reached, *_ = RunReport(tmp_path, config, "", 0, analysis_of_embeddings, None).verdict()
+    assert reached == "<p>Of the episodes in those steps, 75% reached the goal.</p>"
+
+
 def test_of_a_transfer_the_page_names_the_task_on_which_options_are_shown(tmp_path):
     config = Settings(["experiment=transfer", "pair=cartpole"]).config()
     names = ("episode_return", "episodes", "steps_per_second")
