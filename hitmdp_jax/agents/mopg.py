@@ -133,8 +133,7 @@ class MOPG(OwnRewards):
             "entropy_weight_action": self.bonus(credit_action),
             "value_target": advantage_action + q,
         }
-        if self.option_rewards:
-            data |= self.own_targets(params, batch)
+        data |= self.own_targets(params, batch) if self.option_rewards else {}
         metrics = {
             "option_entropy": option_entropy.mean(),
             "action_entropy": action_entropy.mean(),

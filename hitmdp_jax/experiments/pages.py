@@ -62,14 +62,6 @@ def comparison_page(
     def seeds() -> Parts:
         yield _profiles(looks, settings)
 
-    def videos() -> Parts:
-        if len(films) > FILMED:
-            raise UsageError(f"They are shown of {FILMED} runs at most.")
-        yield beside(
-            heading(name) + film(write, f"The beginning of an episode of {name}")
-            for name, write in films.items()
-        )
-
     def made_by() -> Parts:
         yield preformatted("\n".join(commands.values()))
         made = dict.fromkeys(made_with(folder) for folder, _ in runs.values())
@@ -78,7 +70,7 @@ def comparison_page(
     titles = sorted({config.title for _, config in runs.values()})
     sections = {
         "Returns": returns,
-        "Videos": videos,
+        "Videos": functools.partial(_films, films),
         "Learning": curves,
         "What share of seeds reaches a return": seeds,
         "Commands": made_by,
@@ -121,6 +113,15 @@ def _looks(runs: Mapping[str, Summary]) -> dict[str, Style]:
 
 def _switches(runs: Mapping[str, Summary]) -> dict[str, int | None]:
     return {name: run.config.switch_at for name, run in runs.items()}
+
+
+def _films(films: Mapping[str, Callable[[Path], None]]) -> Parts:
+    if len(films) > FILMED:
+        raise UsageError(f"Episodes are shown of {FILMED} runs at most.")
+    yield beside(
+        heading(name) + film(write, f"The beginning of an episode of {name}")
+        for name, write in films.items()
+    )
 
 
 def _intervals(looks: Mapping[str, Style], runs: Mapping[str, Summary]) -> Markup:

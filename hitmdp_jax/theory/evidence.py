@@ -17,17 +17,7 @@ from hitmdp_jax.theory.trajectories import enumerate_trajectories
 
 @struct.dataclass
 class Evidence:
-    """The three terms of log q(e) = ELBO + KL, in nats."""
-
-    log_evidence: jax.Array  # log q(e_{1:T})
-    elbo: jax.Array  # E_P[log q(tau, e_{1:T}) - log P(tau)]
-    kl: jax.Array  # KL[P(tau) || q(tau | e_{1:T})]
-
-
-def evidence(
-    hit: HiTMDP, start: jax.Array, horizon: int, prior: jax.Array | None = None
-) -> Evidence:
-    r"""Return the evidence of T optimal steps, its lower bound and the gap (Theorem 4.1, Eq. 43).
+    r"""The three terms of log q(e) = ELBO + KL, in nats.
 
     P is the HiT-MDP's trajectory distribution (Eq. 26). q has the same start and dynamics, uniform
     priors over options and actions (Eq. 9), and the likelihood of being optimal
@@ -37,8 +27,21 @@ def evidence(
       q(e^O | s, a, o, o_{t-1}) = \exp(I(o | s, a, o_{t-1}) - \max I)
 
     Eq. 10-11 print sums over a and over o in place of the maxima. Those depend on the state, so
-    Eq. 12 and Eq. 13 would not follow (docs/errata.md). The gap is a KL divergence, so the bound is
-    tight where P(tau) = q(tau | e); random dynamics put that out of any policy's reach.
+    Eq. 12 and Eq. 13 would not follow (docs/errata.md).
+    """
+
+    log_evidence: jax.Array  # log q(e_{1:T})
+    elbo: jax.Array  # E_P[log q(tau, e_{1:T}) - log P(tau)]
+    kl: jax.Array  # KL[P(tau) || q(tau | e_{1:T})]
+
+
+def evidence(
+    hit: HiTMDP, start: jax.Array, horizon: int, prior: jax.Array | None = None
+) -> Evidence:
+    """Return the evidence of T optimal steps, its lower bound and the gap (Theorem 4.1, Eq. 43).
+
+    `Evidence` says what P and q are. The gap is a KL divergence, so the bound is tight where
+    P(tau) = q(tau | e); random dynamics put that out of any policy's reach.
 
     Args:
       hit: the HiT-MDP; its gamma and entropy weights play no role.

@@ -57,7 +57,7 @@ def train_with(
     key: jax.Array,
     *,
     iterations: int,
-    steps_per_iteration: int,
+    env_steps: int,
 ) -> tuple[TrainState, Metrics]:
     """Train, and call callbacks after the iterations that they ask for.
 
@@ -68,7 +68,7 @@ def train_with(
       step: one iteration.
       key: of one training, or [R] of several that go on side by side.
       iterations: the most there are, where no callback ends it.
-      steps_per_iteration: environment steps of each training.
+      env_steps: environment steps of each training in an iteration.
 
     Returns:
       The state and the metrics, as `train` does; of several trainings all of it is [R, ...].
@@ -85,15 +85,14 @@ def train_with(
             stack.callback(callback.close)
         for iteration in range(1, iterations + 1):
             state, metrics = step(state)
-            due = [c for c in callbacks if iteration % max(1, c.every // steps_per_iteration) == 0]
+            due = [c for c in callbacks if iteration % max(1, c.every // env_steps) == 0]
             silent = {x: np.full(len(keys), np.nan) for c in callbacks for x in c.names}
             rows.append(metrics | silent)
             if not due:
                 continue
-            params, normalizer = state.learner.params, state.normalizer
-            policy = Policy(agent.bind(state.spec), params, normalizer)
+            policy = Policy(agent.bind(state.spec), state.learner.params, state.normalizer)
             known = jax.device_get(metrics)
-            now = Moment(iteration * steps_per_iteration, iteration, known, policy)
+            now = Moment(iteration * env_steps, iteration, known, policy)
             for callback in due:
                 rows[-1] |= told(callback, now)
             if now.stopped:

@@ -59,16 +59,13 @@ def make_train(
     Args:
       agent: the algorithm and its hyperparameters, which may be traced.
       env: an environment of Brax's or MuJoCo Playground's interface, unbatched, no auto-reset.
-      num_steps: environment steps of the whole run, `action_repeat` to an action where the task
-        holds them; what a schedule counts against.
+      num_steps: environment steps of the whole run, `action_repeat` to an action that is held.
       num_envs: B, environments stepped side by side.
       rollout_length: T, actions in each environment an iteration.
       episode_length: time limit in control steps; None takes the task's own.
-      reset_pool_size: fresh initial states drawn at once (`pool_period`); None takes
-        `usual_pool_size`.
+      reset_pool_size: initial states drawn at once (`pool_period`); None: `usual_pool_size`.
       stagger: start the first episodes at random points of the time limit.
-      init_from: what to begin with: a policy, as `load` returns, or the state of a training. What
-        of it does not fit starts anew, which is told.
+      init_from: the policy or state of a training to begin with; what does not fit starts anew.
       init_parts: of that `policy`, `critic`, `normalizer` and `optimizer`; None takes all.
 
     Returns:
@@ -78,17 +75,14 @@ def make_train(
       keyword the numbers that the task lists in `traced`; they stay with the state.
 
     Raises:
-      UsageError: a size is not positive or does not divide, a hyperparameter is out of range, or
-        arrays of an environment or algorithm of your own are not what they should be.
+      UsageError: a size, a hyperparameter, or a task or algorithm of your own is not valid.
     """
     check_hyperparameters(agent)
     check_sizes(agent, num_steps, num_envs, rollout_length)
     for name, size in (("episode_length", episode_length), ("reset_pool_size", reset_pool_size)):
         if size is not None:
             check_size(name, size)
-    task = env.env if isinstance(env, ActionRepeat) else env
-    check_task(task, f"env = {env!r}" if isinstance(env, type | str) else type(env).__name__)
-    agent = agent.bind(spec_of(env))
+    agent = _bound(agent, env)
     check_algorithm(agent, num_envs, rollout_length)
     pool_size = reset_pool_size or usual_pool_size(num_envs, rollout_length)
     vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger, agent.option_rewards)
@@ -203,6 +197,13 @@ class Program:
         return freeze_diverged(state, new, in_32_bits(metrics), seen)
 
 
+def _bound(agent: Agent, env: Env) -> Agent:
+    """Return the agent for a task that is found to be what it should be."""
+    task = env.env if isinstance(env, ActionRepeat) else env
+    check_task(task, f"env = {env!r}" if isinstance(env, type | str) else type(env).__name__)
+    return agent.bind(spec_of(env))
+
+
 def train(
     agent: Agent,
     env: Env,
@@ -229,18 +230,15 @@ def train(
       num_steps: environment steps.
       num_envs: environments stepped side by side.
       rollout_length: actions in each environment an iteration.
-      callbacks: called after whole iterations, as often as each says; their metrics are NaN where
-        they were not called.
-      stop_at_return: end the run once the mean return of each training's last 100 episodes is as
-        high.
+      callbacks: called after iterations, as often as each says; else their metrics are NaN.
+      stop_at_return: end the run once each training's last 100 episodes return as much on average.
       **options: further arguments of `make_train`.
 
     Returns:
       The final state, and the metrics of every iteration [iterations, ...].
 
     Raises:
-      UsageError: a size is not positive or does not divide; or as `callbacks.check_callbacks` and
-        `host_loop.check_untraced`.
+      UsageError: as `make_train`, `callbacks.check_callbacks` and `host_loop.check_untraced`.
     """
     sizes = {"num_steps": num_steps, "num_envs": num_envs, "rollout_length": rollout_length}
     named = ((x, getattr(x, "__name__", type(x).__name__)) for x in callbacks)
@@ -254,8 +252,7 @@ def train(
     iterations = num_iterations(**sizes, action_repeat=repeats)
     if own:
         steps = num_envs * rollout_length * repeats
-        counts = {"iterations": iterations, "steps_per_iteration": steps}
-        return train_with(own, agent, init, step, key, **counts)
+        return train_with(own, agent, init, step, key, iterations=iterations, env_steps=steps)
     return jax.lax.scan(lambda state, _: step(state), init(key), length=iterations)
 
 

@@ -72,3 +72,14 @@ def test_single_files_import_no_folder():
     for path in FILES:
         if len(path.parts) == 1 and path.name not in ("__init__.py", "__main__.py"):
             assert not set(imported_by(path)), path
+
+
+def test_every_function_can_be_seen_at_once():
+    """It has 50 lines at most, its description among them."""
+    long = [
+        f"{path}::{node.name}: {node.end_lineno - node.lineno + 1}"
+        for path in FILES
+        for node in ast.walk(ast.parse((PACKAGE / path).read_text()))
+        if isinstance(node, ast.FunctionDef) and node.end_lineno - node.lineno >= 50
+    ]
+    assert long == []
