@@ -3,7 +3,8 @@
 Environment steps per second of the physics alone, whole trainings of one seed and of many with the
 time to their first update, Brax's PPO on the same card, on its task and on ours, and whether the
 same seed gives the same run. Each row runs in a process of its own, on the first card, or on
-whatever device JAX finds: small sizes try it on a CPU.
+whatever device JAX finds: small sizes try it on a CPU. `--lacking` measures the rows that
+docs/benchmarks.md lacks, each once and with a cold cache, so that they take twelve minutes.
 """
 
 import argparse
@@ -31,6 +32,8 @@ from hitmdp_jax.runs.run import Run
 BRAX = {"invertedpendulum": "inverted_pendulum"}  # tasks that Brax names otherwise
 ENVS = (1024, 2048, 4096, 8192, 16384, 32768)
 SEEDS = (1, 10, 100)
+OFF_POLICY = ("sac", "hit_sac")  # trained in the sizes of their own preset
+SUITES = ("gymnax/Breakout-MinAtar", "xminigrid/MiniGrid-DoorKey-8x8")
 DETERMINISM = "--xla_gpu_deterministic_ops=true"  # of XLA; it says nothing to other devices
 
 Figures = dict[str, Any]
@@ -46,11 +49,13 @@ class Size:
 
     def settings(self, env: str, algo: str, physics: str, seeds: int) -> list[str]:
         """Return the settings of a run of ours."""
+        task = [f"env={env}", f"algo={algo}"]
+        if algo in OFF_POLICY:
+            return [*task, "preset=off_policy_gpu", f"physics={physics}", f"seeds={seeds}"]
         sizes = (f"num_envs={self.num_envs}", f"rollout_length={self.rollout_length}")
         minibatch = f"algo.minibatch_size={self.minibatch_size}"
         return [
-            f"env={env}",
-            f"algo={algo}",
+            *task,
             f"physics={physics}",
             f"seeds={seeds}",
             *sizes,
@@ -93,11 +98,14 @@ def env_steps(name: str, physics: str, num_envs: int, seconds: float, length: in
 
 
 def training(env: str, algo: str, physics: str, seeds: int, size: Size, seconds: float) -> Figures:
-    """Time whole iterations; all seeds are one program on one device."""
+    """Time whole iterations, once learning has begun; all seeds are one program on one device."""
     start = time.perf_counter()
     run, step, state = _begun(env, algo, physics, seeds, size)
     state = jax.block_until_ready(step(state)[0])
     first = time.perf_counter() - start
+    warmup = run.config.algo.get("warmup_steps", 0)  # of an algorithm with a replay
+    for _ in range(warmup // run.schedule.steps_per_report):
+        state, _ = step(state)
     steps = run.schedule.steps_per_report * seeds
     return {
         "steps_per_second": steps / per_call(lambda s: step(s)[0], state, seconds),
@@ -189,6 +197,27 @@ def rows(options: argparse.Namespace) -> dict[str, list[Any]]:
     return found
 
 
+def lacking(options: argparse.Namespace) -> dict[str, list[Any]]:
+    """Return the rows, as `rows` does, that docs/benchmarks.md lacks."""
+    size = [options.num_envs, options.rollout_length, options.minibatch_size]
+    found = {name: row for name, row in rows(options).items() if row[0] == "brax_ppo"}
+    for physics in options.physics:
+        found[f"{physics}, ant, {options.num_envs:,} environments, physics alone"] = [
+            "env_steps", "ant", physics, options.num_envs
+        ]  # fmt: skip
+        found[f"ppo on ant, {physics}, 1 seed x {options.num_envs:,} environments"] = [
+            "training", "ant", "ppo", physics, 1, *size
+        ]  # fmt: skip
+    for algo in OFF_POLICY:
+        name = f"{algo} on mjx, preset=off_policy_gpu, {options.seeds[-1]} seeds"
+        found[name] = ["training", options.env, algo, "mjx", options.seeds[-1], *size]
+    for task in SUITES:
+        for algo in options.algos:
+            name = f"{algo} on {task}, 10 seeds x {options.num_envs:,} environments"
+            found[name] = ["training", task, algo, "mjx", 10, *size]
+    return found
+
+
 def measure(kind: str, arguments: list[Any], seconds: float) -> Figures:
     """Measure one row in this process."""
     if kind == "env_steps":
@@ -237,6 +266,7 @@ def main() -> None:
     parser.add_argument("--num-envs", type=int, default=1024, help="of each seed in training")
     parser.add_argument("--rollout-length", type=int, default=32, help="steps between two updates")
     parser.add_argument("--minibatch-size", type=int, default=2048, help="samples a gradient step")
+    parser.add_argument("--lacking", action="store_true", help="the rows that the docs lack, once")
     parser.add_argument("--row", help="measure one row in this process, as JSON")
     options = parser.parse_args()
     if options.row:
@@ -249,16 +279,20 @@ def main() -> None:
         "| --- | --- | --- | --- |"
     )
     with tempfile.TemporaryDirectory() as cache:
-        for name, row in rows(options).items():
-            cold = in_own_process(row, 0.1, cache)
-            warm = in_own_process(row, options.seconds, cache) if cold else None
+        for name, row in (lacking if options.lacking else rows)(options).items():
+            once = options.seconds if options.lacking else 0.1
+            cold = in_own_process(row, once, cache)
+            warm = cold
+            if cold and not options.lacking:
+                warm = in_own_process(row, options.seconds, cache)
             if warm is None or cold is None:
                 print(f"| {name} | failed | | |", flush=True)
             elif "learned" in warm:
                 both = cold["learned"] == warm["learned"]
                 print(f"| {name} | {'equal' if both else 'NOT equal'} | | {warm['device']} |")
             else:
-                starts = f"{cold['first_update_s']:.0f} / {warm['first_update_s']:.0f}"
+                starts = f"{cold['first_update_s']:.0f}"
+                starts += "" if options.lacking else f" / {warm['first_update_s']:.0f}"
                 speed = f"{warm['steps_per_second']:,.0f}"
                 print(f"| {name} | {speed} | {starts} | {warm['device']} |", flush=True)
 

@@ -41,6 +41,24 @@ def test_the_table_has_a_row_for_every_figure(monkeypatch, capsys):
     assert "NOT equal" in lines[-1]
 
 
+def test_what_the_docs_lack_is_measured_once(monkeypatch, capsys):
+    asked = []
+
+    def figures(row, seconds, cache):
+        asked.append(row)
+        return {"steps_per_second": 1234.5, "first_update_s": 1.0, "device": "a card"}
+
+    monkeypatch.setattr(gpu, "in_own_process", figures)
+    lines = table(monkeypatch, capsys, "--lacking", "--seeds", "16", "--physics", "mjx", "warp")
+    assert len(asked) == len(lines) - 2 == 12
+    assert [row[:3] for row in asked[2:8]] == [
+        ["env_steps", "ant", "mjx"], ["training", "ant", "ppo"],
+        ["env_steps", "ant", "warp"], ["training", "ant", "ppo"],
+        ["training", "halfcheetah", "sac"], ["training", "halfcheetah", "hit_sac"],
+    ]  # fmt: skip
+    assert "| sac on mjx, preset=off_policy_gpu, 16 seeds | 1,234 | 1 | a card |" in lines
+
+
 @pytest.mark.slow  # eighteen processes, most of which compile MJX
 @pytest.mark.timeout(1800)
 def test_everything_is_measured_on_a_cpu(monkeypatch, capsys):
