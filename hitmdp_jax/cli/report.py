@@ -14,6 +14,7 @@ from hitmdp_jax.cli.policies import evaluation_key
 from hitmdp_jax.cli.settings import writable
 from hitmdp_jax.cli.waiting import working
 from hitmdp_jax.envs import engine_for
+from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
 from hitmdp_jax.interpret.evaluation import check_episodes, task_env
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
     from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 
 EPISODES = 8
-FILMED, PIXELS = 600, (480, 360)  # steps and size of the video: of a page, not of a film
+FILMED = 15.0  # seconds of the page's video; a step of a task without a clock counts as 1/20 s
+PIXELS = (480, 360)  # its size, which is that of a page and not of a film
 ENGINE = "native"  # MuJoCo C compiles in no time, and scores as the others do
 
 
@@ -141,7 +143,8 @@ class _Shown:
         _, env = self.policy_and_env
         check_filming(env, self.config.tasks[-1]["name"])
         shown = self.recorded()
-        beginning = shown.alive & (np.arange(len(shown.alive)) < FILMED)[:, None]
+        steps = FILMED / (spec_of(env).dt or 1 / 20)
+        beginning = shown.alive & (np.arange(len(shown.alive)) < steps)[:, None]
         write_video(path, env, shown.replace(alive=beginning), episodes=[0], size=PIXELS)
 
 

@@ -79,12 +79,16 @@ def find(name: str) -> Entry:
     """
     if name not in (names := summaries()):
         raise unknown_name("figure", name, names)
-    return importlib.import_module(f"hitmdp_jax.figures.catalogue.{name}").FIGURE
+    return _entry(name)
 
 
 def entries() -> dict[str, Entry]:
     """Return every figure by name."""
-    return {name: find(name) for name in summaries()}
+    return {name: _entry(name) for name in summaries()}
+
+
+def _entry(name: str) -> Entry:
+    return importlib.import_module(f"hitmdp_jax.figures.catalogue.{name}").FIGURE
 
 
 def _first_line(path: Path) -> str:
