@@ -1,5 +1,7 @@
 """The colours of options: the same in every figure, on every page, in films and on the terminal."""
 
+import functools
+
 import numpy as np
 
 # All have a contrast of at least 3 on white, and are told apart by eyes that lack the red or the
@@ -9,6 +11,7 @@ PALETTE = (
 )  # fmt: skip
 
 
+@functools.cache  # a path asks once a step
 def option_color(k: int) -> str:
     """Return the colour of option k: the palette's, then mixtures of two of them, then darker."""
     cycle, k = divmod(k, len(PALETTE))

@@ -80,8 +80,8 @@ class RunReport:
         task = ""
         if config.switch_at is not None:
             with contextlib.suppress(UsageError):  # how far it came is not known
-                second = int(self.metrics["env_steps"].max() > config.switch_at)
-                task = f" on {config.tasks[second]['name']}"
+                iteration = int(self.metrics["iteration"].max())
+                task = f" on {config.task_at(iteration)['name']}"
         of = config.trainings[self.training].name
         return f"Everything about options on this page describes {of}{task}."
 

@@ -100,10 +100,11 @@ def test_of_a_task_with_a_goal_the_page_says_how_many_episodes_reached_it(tmp_pa
 def test_of_a_transfer_the_page_names_the_task_on_which_options_are_shown(tmp_path):
     config = Settings(["experiment=transfer", "pair=cartpole"]).config()
     names = ("episode_return", "episodes", "steps_per_second")
-    for steps, task in ((1, "cartpole_balance"), (2, "cartpole_balance_sparse")):
-        (folder := tmp_path / str(steps)).mkdir()
+    last = config.schedule.iterations  # of the first task
+    for iteration, task in ((last, "cartpole_balance"), (last + 1, "cartpole_balance_sparse")):
+        (folder := tmp_path / task).mkdir()
         sink = CsvSink(folder, config.trainings)
-        sink.write(steps, steps * config.total_steps, dict.fromkeys(names, np.ones(1)))
+        sink.write(iteration, iteration * 2048, dict.fromkeys(names, np.ones(1)))
         sink.close()
         told = RunReport(folder, config, "", 0, lambda: None, lambda path: None).subtitle
         assert told.endswith(f"describes seed 0 on dmc/{task}.")
