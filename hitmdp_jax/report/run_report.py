@@ -136,7 +136,7 @@ class RunReport:
     def verdict(self) -> Parts:
         """Say what the run returned, whether its options matter, and what to do next."""
         name, score = self.headline
-        yield text(f"{name.capitalize()}: {score}.")
+        yield text(f"{name[0].upper()}{name[1:]}: {score}.")
         if reached := self.reached:
             yield text(f"Of the episodes in those steps, {reached} reached the goal.")
         try:

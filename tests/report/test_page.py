@@ -97,6 +97,17 @@ def test_of_a_task_with_a_goal_the_page_says_how_many_episodes_reached_it(tmp_pa
     assert reached == "<p>Of the episodes in those steps, 75% reached the goal.</p>"
 
 
+def test_the_verdict_leaves_the_letters_of_a_settings_name_as_they_are(tmp_path):
+    config = Settings(["env=hopper", "sweep={algo.gamma:[0.9,0.99]}"]).config()
+    config = dataclasses.replace(config, sweep={"algo.ownRate": [0.9, 0.99]})
+    sink = CsvSink(tmp_path, config.trainings)
+    names = ("episode_return", "episodes", "steps_per_second")
+    sink.write(1, 2048, {name: np.array([1.0, 2.0]) for name in names})
+    sink.close()
+    first, *_ = RunReport(tmp_path, config, "", 0, analysis_of_embeddings, None).verdict()
+    assert first.startswith("<p>Return of all 2,048 steps, of the best setting, ownRate=0.99: ")
+
+
 def test_of_a_transfer_the_page_names_the_task_on_which_options_are_shown(tmp_path):
     config = Settings(["experiment=transfer", "pair=cartpole"]).config()
     names = ("episode_return", "episodes", "steps_per_second")
