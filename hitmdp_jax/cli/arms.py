@@ -6,7 +6,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from hitmdp_jax.cli.settings import Settings, quoted
+from hitmdp_jax.cli.overrides import quoted
+from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.experiments.experiment import last_of_each
 from hitmdp_jax.runs.claim import already_there

@@ -17,7 +17,8 @@ from hitmdp_jax import plugins
 from hitmdp_jax.agents import find_agent
 from hitmdp_jax.cli.arms import configs_of, named, train_into
 from hitmdp_jax.cli.published import TRUST, Places, draw, read_cells, report, tell
-from hitmdp_jax.cli.settings import Settings, folder_setting, writable
+from hitmdp_jax.cli.run_settings import folder_setting, writable
+from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.errors import UsageError, unknown_name
 from hitmdp_jax.experiments import experiment as catalogue
 from hitmdp_jax.experiments import published

@@ -4,7 +4,8 @@ import shlex
 from collections.abc import Iterator
 from typing import Any
 
-from hitmdp_jax.cli.settings import Settings, written
+from hitmdp_jax.cli.overrides import written
+from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.runs.config import GROUPS, RunConfig
 
 SHOWN = ("physics", "seeds", "seed", "total_steps", "num_envs", "rollout_length")  # always

@@ -15,7 +15,7 @@ from hitmdp_jax.cli.policies import (
     load_config,
     output,
 )
-from hitmdp_jax.cli.settings import writable
+from hitmdp_jax.cli.run_settings import writable
 from hitmdp_jax.cli.waiting import working
 from hitmdp_jax.errors import UsageError, out_of_domain, warn
 from hitmdp_jax.experiments import tables

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from hitmdp_jax.cli import tasks
-from hitmdp_jax.cli.settings import OWN, Settings, dotted, written
+from hitmdp_jax.cli.overrides import written
+from hitmdp_jax.cli.settings import OWN, Settings, dotted
 
 # "  name: value  # meaning", or "  - group: choice  # meaning" among the defaults
 LINE = re.compile(r"( *)(- (?:optional |override )?)?([\w/]+):([^#]*)(?:# (.*))?")

@@ -11,15 +11,9 @@ from omegaconf import DictConfig, OmegaConf
 
 from hitmdp_jax import plugins
 from hitmdp_jax.cli.guard import guarded
-from hitmdp_jax.cli.settings import (
-    Settings,
-    configs,
-    flag_setting,
-    folder_setting,
-    name_of,
-    quoted,
-    run_config,
-)
+from hitmdp_jax.cli.overrides import name_of, quoted
+from hitmdp_jax.cli.run_settings import flag_setting, folder_setting, run_config
+from hitmdp_jax.cli.settings import Settings, configs
 from hitmdp_jax.cli.training import train
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.runs.claim import RUNS

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import jax
 
-from hitmdp_jax.cli.settings import Settings, task_setting, writable
+from hitmdp_jax.cli.run_settings import task_setting, writable
+from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.envs import engine_for
 from hitmdp_jax.runs.config import RunConfig, Task, trust_named
 from hitmdp_jax.runs.folder import is_policy, made, refuse_link

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hitmdp_jax.cli.arms import named
-from hitmdp_jax.cli.settings import writable
+from hitmdp_jax.cli.run_settings import writable
 from hitmdp_jax.errors import unknown_name
 from hitmdp_jax.experiments import experiment as catalogue
 from hitmdp_jax.experiments import published, results_figure

@@ -11,7 +11,7 @@ import numpy as np
 
 from hitmdp_jax.cli.command_line import command_line
 from hitmdp_jax.cli.policies import evaluation_key
-from hitmdp_jax.cli.settings import writable
+from hitmdp_jax.cli.run_settings import writable
 from hitmdp_jax.cli.waiting import working
 from hitmdp_jax.envs import engine_for
 from hitmdp_jax.envs.spec import spec_of

@@ -7,7 +7,8 @@ import sys
 
 from hitmdp_jax.cli import help
 from hitmdp_jax.cli.guard import guarded, work_of
-from hitmdp_jax.cli.settings import Settings, name_of
+from hitmdp_jax.cli.overrides import name_of
+from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.errors import UsageError, nearest, unknown_name
 
 MULTIRUN, HELP = {"-m", "--multirun"}, {"-h", "--help"}

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hitmdp_jax.cli.settings import flag_setting, folder_setting, run_config
+from hitmdp_jax.cli.run_settings import flag_setting, folder_setting, run_config
 from hitmdp_jax.cli.tensorboard import OptionFigures
 from hitmdp_jax.errors import UsageError, warn
 from hitmdp_jax.runs import processes

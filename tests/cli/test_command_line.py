@@ -56,6 +56,12 @@ def test_settings_are_composed_as_hydra_composes_them_in_one_go(run):
     )
 
 
+@pytest.mark.parametrize("plus", ["+", "++"])
+def test_hydra_s_plus_before_a_name_changes_nothing(plus):
+    plain = ["algo=dac", "total_steps=20_480", "algo.gamma=0.9", "env.version=v4"]
+    assert Settings([plus + text for text in plain]).config() == Settings(plain).config()
+
+
 VALUES = {
     "algo.gamma": st.floats(0.0, 1.0),
     "algo.target_kl": st.sampled_from([0.01, float("inf")]),

@@ -11,7 +11,8 @@ import pytest
 
 from hitmdp_jax.__main__ import COMMANDS, main
 from hitmdp_jax.cli.guard import Output, guarded
-from hitmdp_jax.cli.settings import Settings, folder_setting
+from hitmdp_jax.cli.run_settings import folder_setting
+from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.runs.host import set_up_host
 from tests.cli.conftest import QUICK, exit_code_of, rows_of
 

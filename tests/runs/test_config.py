@@ -6,7 +6,8 @@ import yaml
 
 from hitmdp_jax.agents import AGENTS
 from hitmdp_jax.agents.base import hyperparameters_of
-from hitmdp_jax.cli.settings import HOST_SETTINGS, Settings
+from hitmdp_jax.cli.run_settings import HOST_SETTINGS
+from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.envs import suite_names
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.runs.config import RunConfig
