@@ -49,13 +49,7 @@ COLUMNS: tuple[str, ...] = (
 
 def run(arguments: argparse.Namespace) -> None:
     """Do what `hitmdp evaluate` says; Raises UsageError as what it calls."""
-    config = load_config(arguments, with_task=False)
-    if arguments.env is not None:
-        config = on_task(config, arguments.env)
-    elif not config.tasks:
-        raise UsageError(
-            "The run was saved from Python and names no task: name one, as --env halfcheetah."
-        )
+    config = on_task(load_config(arguments), arguments.env)
     chosen = places(config.trainings, arguments.seed, arguments.setting)
     engine = config.physics if arguments.engine is None else arguments.engine
     check_request(engine, arguments.episodes)

@@ -15,7 +15,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Do what `hitmdp export` says; Raises UsageError as what it calls."""
     logging.getLogger("onnx_ir").setLevel(logging.ERROR)  # it warns of shapes that it leaves open
     check_format(arguments.format)
-    config = load_config(arguments, with_task=False)
+    config = load_config(arguments)
     set_up_host(config.physics, 1)
     choice = load_chosen(arguments, config)
     name = f"policy_{choice.name}.{arguments.format}"

@@ -11,8 +11,10 @@ from matplotlib.figure import Figure
 from hitmdp_jax.cli.policies import (
     check_output,
     evaluation_key,
+    file_name,
     load_chosen,
     load_config,
+    on_task,
     output,
 )
 from hitmdp_jax.cli.run_settings import writable
@@ -45,7 +47,7 @@ def run(arguments: argparse.Namespace) -> None:
     name = arguments.name
     entry = registry.find(name)
     _check(entry, arguments)
-    path = Path(f"{name}.png")
+    path = Path(f"{file_name(name, arguments.env)}.png")
     if arguments.out or arguments.run_dirs:
         path = output(arguments, FIGURES, path.name)
     writable("--out", path)  # before any work; the folder is made once there is a figure
@@ -66,7 +68,7 @@ def _check(entry: Entry, arguments: argparse.Namespace) -> None:
     if entry.needs != Needs.RUNS and number > 1:
         raise UsageError(f"{name} is a figure of {entry.needs.value}: name one RUN_DIR.")
     if entry.needs not in (Needs.EPISODES, Needs.PICTURES):
-        for flag in ("setting", "checkpoint", "task", "episodes"):
+        for flag in ("setting", "checkpoint", "task", "episodes", "env"):
             if getattr(arguments, flag) is not None:
                 raise UsageError(f"--{flag} has no effect: {name} shows no episodes.")
 
@@ -93,18 +95,20 @@ def _drawn(entry: Entry, arguments: argparse.Namespace) -> Figure:
 def analysis_of(arguments: argparse.Namespace) -> OptionAnalysis:
     """Return the analysis of a policy's options on the task that it was trained on last.
 
+    It is made on another task where the command line names one.
+
     Raises:
-      UsageError: the run names no task, has no options, or no such seed or checkpoint.
+      UsageError: there is no task, the run has no options, or no such seed or checkpoint.
     """
-    config = load_config(arguments, with_task=False)
+    config = load_config(arguments)
     number = number_of_options(config.make_agent())
     episodes = EPISODES if arguments.episodes is None else arguments.episodes
     check_episodes(episodes)
-    config.task_at(1)
-    solver = solver_of(config, config.physics)
+    shown = on_task(config, arguments.env)
+    solver = solver_of(shown, shown.physics)
     set_up_host(solver, episodes * (number + WITHOUT_EACH_OPTION))
-    choice = load_chosen(arguments, config)
-    env = task_env(choice.task, config.physics)
+    choice = load_chosen(arguments, config, shown)
+    env = task_env(choice.task, shown.physics)
     return OptionAnalysis(choice.policy, env, evaluation_key(choice.training), episodes)
 
 

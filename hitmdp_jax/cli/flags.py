@@ -73,8 +73,7 @@ def _evaluate(parser: Parser) -> None:
     _checkpoint(parser)
     _whole(parser, "--episodes", "episodes of each seed", default=50)
     _engine(parser, "mjx, native, warp or gymnasium")
-    meaning = "score on this task instead; its observations and actions must have the same sizes"
-    parser.add_argument("--env", metavar="TASK", help=meaning)
+    _other_task(parser, "score on this task instead")
     _deterministic(parser)
     _switch(parser, "--choices", "also score them with other ways of choosing options")
     _switch(parser, "--json", "print JSON instead of a table")
@@ -89,6 +88,7 @@ def _report(parser: Parser) -> None:
     _run_dirs(parser, "+", "a run's folder, or several")
     _whole(parser, "--seed", "show this seed's options (default: the median seed's)")
     _whole(parser, "--episodes", "episodes to record", default=8)
+    _other_task(parser, "show the options and the video in this task instead")
     _out(parser, "the file (default: RUN_DIR/report.html; of several runs, comparison.html)")
 
 
@@ -100,6 +100,7 @@ def _video(parser: Parser) -> None:
     """
     _policy(parser)
     _whole(parser, "--episodes", "episodes to film", default=3)
+    _other_task(parser, "film in this task instead")
     _out(parser, "an .mp4 file, or a folder (default: RUN_DIR/videos)")
     _engine(parser, "mjx, native or warp")
     _deterministic(parser)
@@ -137,6 +138,7 @@ def _figure(parser: Parser) -> None:
     _whole(parser, "--setting", "one of a sweep's settings (default: the first, 0)")
     _checkpoint(parser)
     _whole(parser, "--episodes", "episodes to record, if the figure shows episodes (default: 8)")
+    _other_task(parser, "record episodes of this task instead")
     _out(parser, "the file (default: FIGURE.png, in RUN_DIR/figures if there is a run)")
 
 
@@ -158,6 +160,12 @@ def _checkpoint(parser: Parser) -> None:
     meaning = "newest (default), best, or an iteration"
     parser.add_argument("--checkpoint", metavar="WHICH", help=meaning)
     _whole(parser, "--task", "which task of a transfer, 0 or 1 (default: the newest checkpoint's)")
+
+
+def _other_task(parser: Parser, meaning: str) -> None:
+    """Let a command line name another task than the run's, which `policies.on_task` reads."""
+    sizes = "its observations and actions must have the same sizes"
+    parser.add_argument("--env", metavar="TASK", help=f"{meaning}; {sizes}")
 
 
 def _deterministic(parser: Parser) -> None:

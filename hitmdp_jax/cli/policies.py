@@ -7,9 +7,11 @@ from typing import NamedTuple
 
 import jax
 
+from hitmdp_jax import plugins
 from hitmdp_jax.cli.run_settings import task_setting, writable
 from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.envs import engine_for
+from hitmdp_jax.errors import UsageError
 from hitmdp_jax.runs.config import RunConfig, Task, trust_named
 from hitmdp_jax.runs.folder import is_policy, made, refuse_link
 from hitmdp_jax.runs.policy import Policy, load_all, places
@@ -26,6 +28,7 @@ class Chosen(NamedTuple):
     iteration: int  # of the checkpoint
     policy: Policy
     name: str  # for files: the environment steps, and what the command line named
+    shown: RunConfig  # as `on_task` returns it: `config` itself, or on another task
 
     @property
     def env_steps(self) -> int:
@@ -34,32 +37,47 @@ class Chosen(NamedTuple):
 
     @property
     def task(self) -> Task:
-        """The task that the policy learned last; Raises as `RunConfig.task_at`."""
+        """The task that the policy is looked at in; Raises as `RunConfig.task_at`.
+
+        It is the one that the policy learned last, with the numbers of its setting, or another one.
+        """
+        if self.shown is not self.config:
+            return self.shown.task_at(1)
         return self.config.task_at(self.iteration, self.training)
 
+    @property
+    def title(self) -> str:
+        """What the policy learned, for how long, and where it is looked at if that is elsewhere."""
+        title = f"{self.config.title}, {self.training.name}, {self.env_steps:,} env steps"
+        other = f", in {self.shown.task_title}"
+        return title + other * (self.shown is not self.config)
 
-def load_config(arguments: argparse.Namespace, with_task: bool = True) -> RunConfig:
+
+def load_config(arguments: argparse.Namespace) -> RunConfig:
     """Read the settings of the run that a command line names.
 
     Raises:
-      UsageError: they cannot be read; or they name no task, where `with_task` needs one.
+      UsageError: they cannot be read.
     """
-    config = RunConfig.load(arguments.run_dirs[0], arguments.trust)
-    if with_task:
-        config.task_at(1)
-    return config
+    return RunConfig.load(arguments.run_dirs[0], arguments.trust)
 
 
-def on_task(config: RunConfig, name: str) -> RunConfig:
+def on_task(config: RunConfig, name: str | None) -> RunConfig:
     """Return a run's settings with another task in place of its own, whose actions last as long.
 
     Args:
       config: the run's.
-      name: the task, as `env=` names it.
+      name: the task, as `env=` names it; None keeps the run's own, and returns `config` itself.
 
     Raises:
-      UsageError: there is no such task.
+      UsageError: there is no such task; or none is named, and the run was saved without one.
     """
+    if name is None:
+        if not config.tasks:
+            raise UsageError(
+                "The run was saved from Python and names no task: name one, as --env halfcheetah."
+            )
+        return config
     values = Settings([f"env={name}"]).values()
     trust_named(values, remember=True)  # this user's command line names it
     task = task_setting(values) | {"action_repeat": config.action_repeat}
@@ -74,8 +92,21 @@ def load_named(arguments: argparse.Namespace) -> tuple[int, Policy]:
     return load_all(arguments.run_dirs[0], which, arguments.task)
 
 
-def load_chosen(arguments: argparse.Namespace, config: RunConfig) -> Chosen:
+def file_name(*parts: str | None) -> str:
+    """Return what a file is called, without its suffix, after a task of that name among others."""
+    return "_".join(plugins.label(part).replace("/", "-") for part in parts if part is not None)
+
+
+def load_chosen(
+    arguments: argparse.Namespace, config: RunConfig, shown: RunConfig | None = None
+) -> Chosen:
     """Read the policy that a command line names, of a run of these settings.
+
+    Args:
+      arguments: the command line.
+      config: the run's settings.
+      shown: the same on the task that the policy is looked at in, as `on_task` returns them; None:
+        on the run's own.
 
     Raises:
       UsageError: the run holds no such seed, setting or checkpoint.
@@ -85,8 +116,10 @@ def load_chosen(arguments: argparse.Namespace, config: RunConfig) -> Chosen:
     iteration, everyone = load_named(arguments)
     named = {"seed": arguments.seed, "setting": arguments.setting}
     parts = [f"{name}{number}" for name, number in named.items() if number is not None]
-    name = "_".join([str(config.schedule.steps_after(iteration)), *parts])
-    return Chosen(config, config.trainings[place], iteration, everyone.of(place), name)
+    shown = shown or config
+    other = None if shown is config else shown.task_at(1)["name"]
+    name = file_name(str(config.schedule.steps_after(iteration)), *parts, other)
+    return Chosen(config, config.trainings[place], iteration, everyone.of(place), name, shown)
 
 
 def evaluation_key(training: Training) -> jax.Array:

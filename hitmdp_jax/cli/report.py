@@ -10,16 +10,16 @@ import jax
 import numpy as np
 
 from hitmdp_jax.cli.command_line import command_line
-from hitmdp_jax.cli.policies import evaluation_key
+from hitmdp_jax.cli.policies import evaluation_key, file_name, on_task
 from hitmdp_jax.cli.run_settings import writable
 from hitmdp_jax.cli.waiting import working
 from hitmdp_jax.envs import engine_for
 from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.episodes import Trajectories, run_episodes
-from hitmdp_jax.interpret.evaluation import check_episodes, task_env
+from hitmdp_jax.interpret.evaluation import check_episodes, check_fit, task_env
 from hitmdp_jax.runs import folder
-from hitmdp_jax.runs.config import RunConfig
+from hitmdp_jax.runs.config import RunConfig, Task
 from hitmdp_jax.runs.host import set_up_host
 from hitmdp_jax.runs.policy import Policy, load_all, places
 
@@ -37,11 +37,19 @@ def run(arguments: argparse.Namespace) -> None:
     check_episodes(arguments.episodes)
     configs = {run_dir: RunConfig.load(run_dir, arguments.trust) for run_dir in arguments.run_dirs}
     first, one = arguments.run_dirs[0], len(configs) == 1
-    out = arguments.out or (first / folder.REPORT if one else Path("comparison.html"))
+    other = None
+    if arguments.env is not None:
+        if not one:
+            raise UsageError(
+                "--env needs one RUN_DIR: a comparison shows each run in its own task."
+            )
+        other = on_task(configs[first], arguments.env).task_at(1)
+    page = first / f"{file_name(Path(folder.REPORT).stem, arguments.env)}.html"
+    out = arguments.out or (page if one else Path("comparison.html"))
     writable("--out", out)
     if one:
         set_up_host(ENGINE, 16 * arguments.episodes)
-        write(first, configs[first], out, arguments.seed, arguments.episodes)
+        write(first, configs[first], out, arguments.seed, arguments.episodes, other)
     else:
         from hitmdp_jax.experiments.pages import comparison_page
 
@@ -63,11 +71,12 @@ def write(
     out: Path | None = None,
     seed: int | None = None,
     episodes: int = EPISODES,
+    other: Task | None = None,
 ) -> None:
     """Write the page about a run; args and Raises as `report`, `out` the file."""
     started = time.perf_counter()
     with working("writing the report"):
-        content = report(run_dir, config, seed, episodes)
+        content = report(run_dir, config, seed, episodes, other)
     _save(
         content, out or run_dir / folder.REPORT, f", made in {time.perf_counter() - started:.0f} s"
     )
@@ -80,7 +89,11 @@ def _save(content: str, path: Path, how: str = "") -> None:
 
 
 def report(
-    run_dir: Path, config: RunConfig, seed: int | None = None, episodes: int = EPISODES
+    run_dir: Path,
+    config: RunConfig,
+    seed: int | None = None,
+    episodes: int = EPISODES,
+    other: Task | None = None,
 ) -> str:
     """Return the page about a run.
 
@@ -89,31 +102,48 @@ def report(
       config: its settings.
       seed: whose options are shown; None takes the one with the median return.
       episodes: how many are recorded.
+      other: another task that options and video are shown in; None is the one learned last.
 
     Raises:
-      UsageError: the run has no such seed.
+      UsageError: the run has no such seed, or the policy does not fit the other task.
     """
     from hitmdp_jax.report.run_report import RunReport
 
     training = _median(run_dir, config) if seed is None else places(config.trainings, seed)[0]
-    shown = _Shown(run_dir, config, training, episodes)
+    shown = _Shown(run_dir, config, training, episodes, other)
+    if other is not None:
+        check_fit(*shown.policy_and_env)  # or no section of the page would show that task
     return RunReport(
-        run_dir, config, command_line(config), training, lambda: shown.analysis, shown.video
+        run_dir,
+        config,
+        command_line(config),
+        training,
+        lambda: shown.analysis,
+        shown.video,
+        None if other is None else other["name"],
     ).html()
 
 
 class _Shown:
     """The policy of one training as its page shows it: loaded and played when that is asked for."""
 
-    def __init__(self, run_dir: Path, config: RunConfig, training: int, episodes: int):
-        self.run_dir, self.config = run_dir, config
+    def __init__(
+        self,
+        run_dir: Path,
+        config: RunConfig,
+        training: int,
+        episodes: int,
+        other: Task | None = None,
+    ):
+        self.run_dir, self.config, self.other = run_dir, config, other
         self.training, self.episodes = training, episodes
         self.key = evaluation_key(config.trainings[training])
 
     @functools.cached_property
     def policy_and_env(self) -> tuple[Policy, Any]:
         iteration, everyone = load_all(self.run_dir)
-        task = self.config.task_at(iteration, self.config.trainings[self.training])
+        own = self.config.trainings[self.training]
+        task = self.other or self.config.task_at(iteration, own)
         engine = engine_for(task["name"], ENGINE)
         return everyone.of(self.training), task_env(task, engine)
 
@@ -141,7 +171,7 @@ class _Shown:
         from hitmdp_jax.video.film import write_video
 
         _, env = self.policy_and_env
-        check_filming(env, self.config.tasks[-1]["name"])
+        check_filming(env, (self.other or self.config.tasks[-1])["name"])
         shown = self.recorded()
         steps = FILMED / (spec_of(env).dt or 1 / 20)
         beginning = shown.alive & (np.arange(len(shown.alive)) < steps)[:, None]

@@ -18,6 +18,7 @@ from hitmdp_jax.cli.policies import (
     evaluation_key,
     load_chosen,
     load_config,
+    on_task,
     output,
 )
 from hitmdp_jax.cli.waiting import working
@@ -49,12 +50,14 @@ def run(arguments: argparse.Namespace) -> None:
     """Do what `hitmdp video` says; Raises UsageError as what it calls."""
     check_episodes(arguments.episodes)
     config = load_config(arguments)
-    engine = config.physics if arguments.engine is None else arguments.engine
+    shown = on_task(config, arguments.env)
+    engine = shown.physics if arguments.engine is None else arguments.engine
     find_engine(engine).check()
     set_up_host(engine, arguments.episodes)
-    choice = load_chosen(arguments, config)
+    choice = load_chosen(arguments, config, shown)
     env: Any = task_env(choice.task, engine)
     check_filming(env, choice.task["name"])  # before a folder is made
+    check_fit(choice.policy, env)
     if arguments.options:
         number_of_options(choice.policy.agent)  # which says where there are none
     name = f"{choice.name}_options.mp4" if arguments.options else f"{choice.name}.mp4"
@@ -62,7 +65,6 @@ def run(arguments: argparse.Namespace) -> None:
     path = path if path.suffix == ".mp4" else path / name
     strip = path.with_suffix(".png")
     check_output(path, *([] if arguments.options else [strip]))
-    check_fit(choice.policy, env)
     key = evaluation_key(choice.training)
     if arguments.options:
         film_options(path, choice.policy, env, key, arguments.deterministic)
@@ -74,8 +76,7 @@ def run(arguments: argparse.Namespace) -> None:
         print(f"An episode of {steps:,} steps, return {total:,.1f}.")
     with working("filming"):
         write_video(path, env, recorded)
-    title = f"{choice.config.title}, {choice.training.name}, {choice.env_steps:,} env steps"
-    picture = filmstrip(env, recorded, title=title)
+    picture = filmstrip(env, recorded, title=choice.title)
     save(picture, strip, dpi=100)
     if arguments.tensorboard:
         shown = {"filmstrip": pixels(picture), "video": animated(path)}

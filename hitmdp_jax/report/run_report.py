@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hitmdp_jax import plugins
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.figures import registry
 from hitmdp_jax.figures.registry import Needs, RunMetrics
@@ -45,6 +46,7 @@ class RunReport:
       training: the number of the training whose options are shown, among the run's.
       analyse: makes the analysis of that policy; it raises UsageError where it has no options.
       video: writes a video of that policy to a path; it raises UsageError if it cannot.
+      other: another task than the run's, in which both show the policy; None is the run's own.
     """
 
     run_dir: Path
@@ -53,6 +55,7 @@ class RunReport:
     training: int
     analyse: Callable[[], OptionAnalysis]
     video: Callable[[Path], None]
+    other: str | None = None
 
     def html(self) -> str:
         """Return the page."""
@@ -75,6 +78,11 @@ class RunReport:
     def subtitle(self) -> str:
         """Whose options are shown, where there are several."""
         config = self.config
+        if self.other is not None:
+            return (
+                f"Options and video show {config.trainings[self.training].name} in "
+                f"{plugins.label(self.other)}, on which it was not trained."
+            )
         if config.algo.get("num_options", 1) < 2:
             return ""
         task = ""
@@ -150,13 +158,13 @@ class RunReport:
         ):
             yield text(sentence)
         needed = episodes_needed(analysis.interventions)
-        run_dir = str(self.run_dir)
+        again = [str(self.run_dir), *([] if self.other is None else ["--env", self.other])]
         if needed:
             yield text("Next, record as many episodes as should tell:")
-            yield preformatted(shlex.join(["hitmdp", "report", run_dir, "--episodes", str(needed)]))
+            yield preformatted(shlex.join(["hitmdp", "report", *again, "--episodes", str(needed)]))
         else:
             yield text("Next, ask the same of every seed:")
-            yield preformatted(shlex.join(["hitmdp", "evaluate", run_dir, "--choices"]))
+            yield preformatted(shlex.join(["hitmdp", "evaluate", *again, "--choices"]))
 
     def summary(self) -> Parts:
         """Say what was run, with what, and how it ended."""

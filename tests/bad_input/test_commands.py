@@ -85,9 +85,12 @@ VIDEO = [
     ("run", "toy/turkey cannot be filmed: it has no MuJoCo model and no method draw."),
     ("run --episodes 0", "episodes = 0 must be a positive whole number"),
     ("run --episodes 99999999999", "of memory, most of it for episodes"),
+    ("run --env hopper", "The policy observes arrays [2]; the task has arrays [11]."),
+    ("from_python --env hopper", "The policy observes arrays [2]; the task has arrays [11]."),
+    ("run --env halfchetah", "Unknown environment 'halfchetah'; did you mean 'halfcheetah'?"),
     ("run --engine gym", "Unknown physics 'gym'"),
     ("run --engine ''", "Unknown physics ''"),
-    ("from_python", "names no task"),
+    ("from_python", "names no task: name one, as --env halfcheetah."),
     *FOLDERS,
 ]
 
@@ -184,6 +187,7 @@ FIGURE = [
     ("figure6 run --seed 9", "seed = 9 is not in the run"),
     ("figure6 run --episodes 3", "--episodes has no effect: figure6 shows no episodes."),
     ("figure6 run --checkpoint best", "--checkpoint has no effect: figure6 shows no episodes."),
+    ("figure6 run --env hopper", "--env has no effect: figure6 shows no episodes."),
     ("figure8 run nowhere", "'nowhere' is not a run's folder"),
     ("variance run", "a figure of random option frameworks: leave RUN_DIR out."),
     ("variance --sed 1", "did you mean '--seed'?"),
@@ -204,6 +208,10 @@ REPORT = [
     ("run --seed 9", "seed = 9 is not in the run"),
     ("run --sed 9", "did you mean '--seed'?"),
     ("run run2", "'run2' is not a run's folder"),
+    ("run --env hopper", "The policy observes arrays [2]; the task has arrays [11]."),
+    ("from_python --env hopper", "The policy observes arrays [2]; the task has arrays [11]."),
+    ("run --env halfchetah", "Unknown environment 'halfchetah'; did you mean 'halfcheetah'?"),
+    ("run other_env --env hopper", "--env needs one RUN_DIR: a comparison shows each run in"),
     *FOLDERS,
 ]
 

@@ -30,6 +30,14 @@ SMALL += ("report=false",)
 QUICK = ("env=invertedpendulum", "physics=native", "algo=ppo", *SMALL)
 FINISHED = ("env=invertedpendulum", "physics=native", *SMALL, "seeds=2", "seed=3")
 FINISHED += ("eval_every=4096", "eval_episodes=2")
+HALVED = """
+from hitmdp_jax.envs.suites.gym.inverted_pendulum import InvertedPendulum
+
+class Halved(InvertedPendulum):
+    def step(self, state, action):
+        state = super().step(state, action)
+        return state.replace(reward=state.reward / 2)
+"""
 
 
 @pytest.fixture(scope="package")
@@ -157,6 +165,13 @@ def finished(command, tmp_path_factory):
     result = command("train", *FINISHED, "total_steps=8192", f"run_dir={run_dir}")
     assert result.returncode == 0, result.stderr
     return run_dir, result
+
+
+@pytest.fixture
+def halved(tmp_path):
+    """A task that pays half of what the finished run's pays, for the same episodes."""
+    (tmp_path / "own.py").write_text(HALVED)
+    return tmp_path / "own.py:Halved"
 
 
 def rows_of(run_dir, name="metrics.csv"):

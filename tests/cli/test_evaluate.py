@@ -15,15 +15,6 @@ from hitmdp_jax.cli.evaluate import append
 from tests.cli.conftest import rows_of
 from tests.probes import untrained
 
-HALVED = """
-from hitmdp_jax.envs.suites.gym.inverted_pendulum import InvertedPendulum
-
-class Halved(InvertedPendulum):
-    def step(self, state, action):
-        state = super().step(state, action)
-        return state.replace(reward=state.reward / 2)
-"""
-
 
 @pytest.fixture
 def evaluated(command):
@@ -71,12 +62,11 @@ def test_other_choices_of_options_are_scored_too(evaluated, run_dir):
     assert "by choice of options" in evaluated(*arguments)
 
 
-def test_another_task_of_the_same_sizes(evaluated, run_dir, tmp_path):
+def test_another_task_of_the_same_sizes(evaluated, run_dir, halved):
     """One that pays half as much for the same episodes."""
-    (tmp_path / "own.py").write_text(HALVED)
     arguments = ("--episodes", "2", "--json")
     own = json.loads(evaluated(run_dir, *arguments))
-    other = json.loads(evaluated(run_dir, *arguments, "--env", tmp_path / "own.py:Halved"))
+    other = json.loads(evaluated(run_dir, *arguments, "--env", halved))
     for one, half in zip(own, other, strict=True):
         assert half["return"] == pytest.approx(one["return"] / 2)
         assert half["length"] == one["length"]

@@ -43,6 +43,21 @@ def test_a_figure_of_episodes_is_written_and_its_table_printed(command, run_dir)
     assert all(name in result.stdout for name in ("own choices", "option 3", "minus own"))
 
 
+def test_a_figure_of_episodes_in_another_task_is_called_after_it(command, run_dir, halved):
+    """Which pays half as much for the same episodes."""
+
+    def own_choices(*more):
+        result = command("figure", "causal", run_dir, "--episodes", "2", *more)
+        assert result.returncode == 0, result.stderr
+        lines = result.stdout.splitlines()
+        (row,) = [line for line in lines if line.strip("│ ").startswith("own choices")]
+        return lines[-1], float(row.split("│")[2])
+
+    (_, own), (path, half) = own_choices(), own_choices("--env", halved)
+    assert path == str(run_dir / "figures" / "causal_own.Halved.png")
+    assert half == pytest.approx(own / 2, abs=0.06)
+
+
 def test_an_episode_is_a_film_where_pictures_can_be_drawn(command, run_dir, monkeypatch):
     path = run_dir / "figures" / "figure10.png"
     result = command("figure", "figure10", run_dir, "--episodes", "2")

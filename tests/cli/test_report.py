@@ -45,6 +45,19 @@ def test_the_page_has_every_section_and_needs_no_network(page):
     assert "python train.py env=invertedpendulum algo=mopg algo.num_epochs=1" in content
 
 
+@pytest.mark.whole
+def test_a_page_may_show_options_and_video_in_another_task(command, finished, halved, tmp_path):
+    run_dir = shutil.copytree(finished[0], tmp_path / "run")
+    result = command("report", run_dir, "--episodes=2", "--seed=4", "--env", halved)
+    assert result.returncode == 0, result.stderr
+    content = (run_dir / "report_own.Halved.html").read_text()
+    assert sections_of(content) == SECTIONS
+    subtitle = "Options and video show seed 4 in own.Halved, on which it was not trained."
+    assert subtitle in content
+    assert "mopg on invertedpendulum" in content
+    assert f"{run_dir} --env {halved} --" in content  # the next command
+
+
 def test_a_run_ends_with_its_page_which_is_without_options_where_it_has_none(command, tmp_path):
     run_dir = tmp_path / "ppo"
     quick = [setting for setting in QUICK if setting != "report=false"]

@@ -45,6 +45,33 @@ def test_each_option_is_filmed_by_itself_side_by_side(command, finished, tmp_pat
     assert frames == max(int(line.split()[3]) for line in options)
 
 
+@pytest.mark.whole
+def test_a_film_in_another_task_is_called_after_it(command, finished, halved, tmp_path):
+    """Which pays half as much for the same episodes."""
+
+    def filmed(*more):
+        out = tmp_path / f"films{len(more)}"
+        arguments = ("--episodes", "2", "--out", out, "--engine", "native", *more)
+        result = command("video", finished[0], *arguments)
+        assert result.returncode == 0, result.stderr
+        episodes = [line.replace(",", "").split() for line in result.stdout.splitlines()[:-1]]
+        names = {path.name for path in out.iterdir()}
+        return (
+            names,
+            [int(words[3]) for words in episodes],
+            [float(words[6].strip(".")) for words in episodes],
+        )
+
+    names, lengths, returns = filmed()
+    others = filmed("--env", halved)
+    assert (names, others[0]) == (
+        {"8192.mp4", "8192.png"},
+        {"8192_own.Halved.mp4", "8192_own.Halved.png"},
+    )
+    assert others[1] == lengths
+    assert others[2] == pytest.approx([x / 2 for x in returns], abs=0.06)  # both are rounded
+
+
 def test_a_video_may_be_given_a_name(command, finished, tmp_path):
     arguments = ("--deterministic", "--episodes", "1", "--out", tmp_path / "a" / "b.mp4")
     result = command("video", finished[0], *arguments)
