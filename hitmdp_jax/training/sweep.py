@@ -65,7 +65,7 @@ def check_sweep(
     traced = [PREFIX + name for name in agent.traced_values()]
     every = [PREFIX + field.name for field in hyperparameters_of(agent)]
     for task in tasks[:1]:
-        traced += [TASK + name for name in traced_of(task)]
+        traced += [TASK + name for name in traced_of(task, apart(sweep)[1])]
         every += [TASK + name for name in parameters_of(task)]
     for name, values in sweep.items():
         if name not in (*every, *traced):

@@ -9,6 +9,7 @@ from hitmdp_jax.agents import PPO
 from hitmdp_jax.envs import make_env
 from hitmdp_jax.envs.numbers import with_numbers
 from hitmdp_jax.envs.spec import spec_of
+from hitmdp_jax.envs.suites.base import LibrarySuite
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.evaluation import score_each
 from hitmdp_jax.runs.checkpoint import Progress
@@ -115,12 +116,16 @@ def test_bad_sweeps_are_explained(sweep, samples, sentence):
 
 CHEETAH = {"env": {"name": "halfcheetah"}, "num_envs": 2, "rollout_length": 1024}
 TURKEY = {"env": {"name": "toy/turkey"}, "physics": "mjx"}
+ROOMS = {"env": {"name": "gymnax/FourRooms-misc"}, "physics": "mjx"}
+PENDULUM = {"env": {"name": "gymnax/Pendulum-v1"}, "physics": "mjx"}
 
 
 @pytest.mark.parametrize(("task", "sweep", "losses"), [
     (CHEETAH, {"env.ctrl_cost_weight": [0.1, 3.0], "env.forward_reward_weight": [1.0, 2.0]}, 4),
     # The rate changes what is learned of the first rollout, and not its loss.
     (TURKEY, {"env.stuffed_reward": [5.0, 20.0], "algo.learning_rate": [1e-4, 1e-2]}, 2),
+    (ROOMS, {"env.fail_prob": [0.1, 0.3, 0.6]}, 3),
+    (PENDULUM, {"env.g": [5.0, 10.0], "env.m": [1.0, 2.0]}, 4),
 ])  # fmt: skip
 @pytest.mark.whole
 def test_a_task_whose_number_is_swept_trains_as_it_does_alone(task, sweep, losses):
@@ -150,6 +155,31 @@ def test_a_policy_is_scored_in_the_task_of_its_own_setting(key):
         np.testing.assert_allclose(score.returns, np.where(usual.returns < 0, worth, usual.returns))
 
 
+def test_each_setting_of_a_task_plays_the_episodes_that_it_plays_alone(key):
+    """To the bit, in slippery rooms: they differ only in how often a step goes astray."""
+    env = make_env("gymnax/FourRooms-misc")
+    policy = untrained_policy(PPO(hidden_sizes=(8,)).bind(spec_of(env)), key)
+    several = jax.tree.map(lambda x: jnp.stack([x] * 3), policy)
+    slips = np.float32([0.0, 0.3, 0.9])
+    task, keys = {"name": "gymnax/FourRooms-misc"}, [key] * 3
+    scores = score_each(several, task, "mjx", 16, keys, numbers={"fail_prob": slips})
+    lengths = [tuple(score.lengths) for score in scores]
+    assert len(set(lengths)) == 3
+    for slip, together in zip(slips, lengths, strict=True):
+        own = task | {"fail_prob": float(slip)}
+        (alone,) = score_each(several.of(np.array([0])), own, "mjx", 16, [key])
+        assert tuple(alone.lengths) == together
+
+
+def test_a_number_of_a_library_that_is_not_installed_is_left_to_it(monkeypatch):
+    """So that a run can be read where nothing is trained."""
+    changes = ROOMS | {"sweep": {"env.fail_prob": [0.1, 0.3]}}
+    monkeypatch.setattr(LibrarySuite, "installed", False)
+    assert config(**changes).settings == [{"env.fail_prob": 0.1}, {"env.fail_prob": 0.3}]
+    with pytest.raises(UsageError, match=r"hitmdp-jax\[gymnax\]"):
+        config(**changes).check_installed()
+
+
 def test_a_setting_of_a_task_has_its_number_wherever_it_is_used():
     swept = config(**TURKEY, sweep={"env.stuffed_reward": [5.0, 20.0]}, seeds=2)
     assert swept.trainings[2].name == "seed 0 of env.stuffed_reward=20"
@@ -171,6 +201,10 @@ def test_a_held_action_is_held_in_the_task_of_other_numbers(key):
     (CHEETAH, "env.ctrl_cost_weigth", "did you mean 'env.ctrl_cost_weight'"),
     (CHEETAH | {"second_env": {"name": "hopper"}}, "env.ctrl_cost_weight", "sweeps algo. alone"),
     ({"env": {"name": "toy/cue"}, "physics": "mjx"}, "env.length", "is no number that the task"),
+    (PENDULUM, "env.max_torque", "env.max_torque is no number that the task reads at each step"),
+    (PENDULUM, "env.max_steps_in_episode", "is no number that the task reads at each step"),
+    (ROOMS, "env.fail_probe", "did you mean 'env.fail_prob'"),
+    (ROOMS, "env.resample_goal_pos", "sweep takes .*, env.fail_prob"),
 ])  # fmt: skip
 def test_a_number_that_cannot_be_swept_is_named(task, name, sentence):
     with pytest.raises(UsageError, match=sentence):

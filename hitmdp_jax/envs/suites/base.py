@@ -1,6 +1,7 @@
 """`Suite`: a family of tasks that are found, made and run in one way."""
 
 import dataclasses
+import functools
 import importlib.util
 import inspect
 import pkgutil
@@ -144,23 +145,28 @@ class LibrarySuite(Suite):
         if self.installed:
             return super().check(name, version, **keywords)
         self.check_name(name, version)
-        return self._missing
+        missing = functools.partial(self._missing)
+        vars(missing)["traced"] = None  # the library would know
+        return missing
 
     def _missing(self, **keywords: Any) -> NoReturn:
         raise missing_extra(self.extra, f"A task of {self.prefix.rstrip('/')}")
 
 
-def with_keywords(make: "Callable[..., Env]", defaults: Mapping[str, Any]) -> "Callable[..., Env]":
+def with_keywords(
+    make: "Callable[..., Env]", defaults: Mapping[str, Any], traced: tuple[str, ...] = ()
+) -> "Callable[..., Env]":
     """Let a function that takes any keywords say which: those with a default that can be written.
 
     Args:
       make: the function, such as a `functools.partial`.
       defaults: keyword -> its default.
+      traced: those that are inputs of the program (`envs.numbers`).
     """
     kind = inspect.Parameter.KEYWORD_ONLY
     written = {name: x for name, x in defaults.items() if isinstance(x, WRITTEN)}
     parameters = [inspect.Parameter(name, kind, default=x) for name, x in written.items()]
-    vars(make)["__signature__"] = inspect.Signature(parameters)
+    vars(make).update(__signature__=inspect.Signature(parameters), traced=traced)
     return make
 
 

@@ -9,6 +9,8 @@ import pytest
 
 from hitmdp_jax import UsageError, make_env
 from hitmdp_jax.envs.contract import check_task
+from hitmdp_jax.envs.keywords import parameters_of
+from hitmdp_jax.envs.numbers import traced_of, with_numbers
 from hitmdp_jax.envs.spec import Box, Discrete
 from hitmdp_jax.envs.suites import find_suite
 from tests.programs import compiled
@@ -212,6 +214,35 @@ def test_a_missing_library_is_told_with_the_line_that_installs_it(suite, monkeyp
 def test_keywords_of_a_library_are_checked():
     with pytest.raises(UsageError, match="did you mean 'fail_prob'"):
         make_env("gymnax/FourRooms-misc", fail_prb=0.1)
+
+
+def test_a_number_of_a_task_steps_as_a_task_made_with_it_does(key):
+    """Of gymnax and of Craftax, whose numbers the library reads from its parameters."""
+    env = make_env("gymnax/CartPole-v1")
+    assert {"gravity", "length", "x_threshold"} < set(env.traced)
+    changed = {"gravity": 20.0, "force_mag": 3.0}
+    states = [
+        walk(one, key)[2]
+        for one in (env, with_numbers(env, changed), make_env("gymnax/CartPole-v1", **changed))
+    ]
+    usual, traced, made = (np.asarray(x.obs) for x in states)
+    np.testing.assert_allclose(traced, made, rtol=1e-6)
+    assert np.abs(usual - made).max() > 0.1
+    assert env.params.gravity == 9.8  # the given one stays as it is
+    craftax = find_suite("craftax/").constructor("craftax/Craftax-Classic-Symbolic-v1")
+    assert "spawn_cow_chance" in traced_of(craftax)
+
+
+@pytest.mark.parametrize(("name", "left_out"), [
+    ("gymnax/Pendulum-v1", {"max_torque"}),
+    ("gymnax/MountainCarContinuous-v0", {"min_action", "max_action"}),
+    ("gymnax/BernoulliBandit-misc", {"max_steps_in_episode"}),
+])  # fmt: skip
+def test_what_the_spec_is_made_of_is_no_number_of_the_program(name, left_out):
+    """The limits of an action, and the time limit."""
+    made = find_suite(name).constructor(name)
+    floats = {key for key, x in parameters_of(made).items() if type(x.default) is float}
+    assert floats - set(traced_of(made)) == left_out
 
 
 def test_the_tasks_keep_the_contract():

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from brax.envs.base import Env
 
 from hitmdp_jax.envs.suites.base import with_keywords
-from hitmdp_jax.envs.suites.gymnax.task import KeyedTask
+from hitmdp_jax.envs.suites.gymnax.task import KeyedTask, numbers_of
 
 WORLDS = {  # name -> the module that holds its constants
     "Craftax-Classic-Symbolic-v1": "craftax.craftax_classic.constants",
@@ -50,5 +50,6 @@ def constructor(name: str) -> Callable[..., Env]:
     """Return a function that makes a world; its keywords are the fields of the parameters."""
     from craftax.craftax_env import make_craftax_env_from_name
 
-    params = make_craftax_env_from_name(name, auto_reset=False).default_params
-    return with_keywords(functools.partial(CraftaxTask, name), vars(params))
+    task: Any = make_craftax_env_from_name(name, auto_reset=False)
+    keywords = vars(task.default_params)
+    return with_keywords(functools.partial(CraftaxTask, name), keywords, numbers_of(task))

@@ -1,7 +1,8 @@
 """A task of gymnax's interface, behind Brax's."""
 
+import copy
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -14,6 +15,7 @@ from hitmdp_jax.envs.spec import Action, Box, Discrete, Observation, Spec
 from hitmdp_jax.envs.spec_task import SpecTask
 from hitmdp_jax.envs.suites.base import with_keywords
 
+LIMIT = "max_steps_in_episode"
 # Observations whose numbers mean different things: the names of the numbers, and the parts.
 SHOWN = {
     "FourRooms-misc": (
@@ -46,7 +48,7 @@ class KeyedTask(SpecTask):
         action_names: tuple[str, ...] = (),
         shown: tuple[tuple[str, ...], tuple[tuple[str, tuple[int, ...]], ...]] = ((), ()),
     ):
-        self.task, self.params = task, params
+        self.task, self.params, self.traced = task, params, numbers_of(task)
         self._symbols = getattr(task.observation_space(params), "n", None)
         obs: Any = jax.eval_shape(lambda key: self.start(key)[0], jax.random.key(0))
         names, parts = shown if obs.shape == (len(shown[0]),) else ((), ())
@@ -81,6 +83,12 @@ class KeyedTask(SpecTask):
             info=state.info | {"key": key, "truncation": truncated.astype(jnp.float32)},
         )
 
+    def with_numbers(self, numbers: Mapping[str, jax.Array]) -> "KeyedTask":
+        """Return the task with other parameters [], which may be traced (`envs.numbers`)."""
+        changed = copy.copy(self)
+        changed.params = self.params.replace(**numbers)
+        return changed
+
     def start(self, key: jax.Array) -> tuple[jax.Array, Any]:
         """Return the first observation and the library's first state."""
         obs, state = self.task.reset_env(key, self.params)
@@ -109,6 +117,20 @@ def action_of(space: Any, names: tuple[str, ...] = ()) -> Action:
     return Box(tuple(low.tolist()), tuple(high.tolist()))
 
 
+def numbers_of(task: Any) -> tuple[str, ...]:
+    """Return the parameters that are real numbers and are read in reset and step alone.
+
+    The time limit and the limits of actions are part of the spec, so they are left out.
+    """
+    params = task.default_params
+
+    def action(**changed: float) -> Action:
+        return action_of(task.action_space(params.replace(**changed)))
+
+    floats = {name: x for name, x in vars(params).items() if type(x) is float and name != LIMIT}
+    return tuple(name for name, x in floats.items() if action(**{name: x + 1.0}) == action())
+
+
 def constructor(name: str) -> Callable[..., Env]:
     """Return a function that makes a task, and whose signature lists its keywords.
 
@@ -119,7 +141,8 @@ def constructor(name: str) -> Callable[..., Env]:
 
     task, params = make(name)
     own = defaults_of(type(task))
-    return with_keywords(functools.partial(_made, name, tuple(own)), own | vars(params))
+    make_it = functools.partial(_made, name, tuple(own))
+    return with_keywords(make_it, own | vars(params), numbers_of(task))
 
 
 def _made(name: str, own: tuple[str, ...], **keywords: Any) -> Env:
@@ -130,5 +153,5 @@ def _made(name: str, own: tuple[str, ...], **keywords: Any) -> Env:
 
     task, params = make(name, **{key: x for key, x in keywords.items() if key in own})
     params = params.replace(**{key: x for key, x in keywords.items() if key not in own})
-    length, shown = int(params.max_steps_in_episode), SHOWN.get(name, ((), ()))
+    length, shown = int(getattr(params, LIMIT)), SHOWN.get(name, ((), ()))
     return kind_of(name, task, params)(task, params, length, shown=shown)
