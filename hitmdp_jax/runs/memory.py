@@ -13,7 +13,7 @@ from hitmdp_jax.checks import check_memory
 from hitmdp_jax.envs.spec import Box, Observation, Spec, spec_of
 from hitmdp_jax.networks.reads import Reads
 from hitmdp_jax.runs.config import RunConfig
-from hitmdp_jax.training.sizes import usual_pool_size
+from hitmdp_jax.training.sizes import SHORTEST, shortest_episode, usual_pool_size
 
 REWARD = 4  # bytes of one, the least that a task's state holds
 
@@ -45,11 +45,11 @@ def check_run_memory(
     settings = config.samples or math.prod(len(x) for x in (config.sweep or {}).values())
     trainings, agent = config.seeds * settings, config.make_agent()
     steps = config.num_envs * config.rollout_length
-    states = config.num_envs + usual_pool_size(config.num_envs, config.rollout_length)
-    learner, replay, state, spec = 0, 0, REWARD, _least_task(agent)
+    learner, replay, state, spec, shortest = 0, 0, REWARD, _least_task(agent), SHORTEST
     if env is not None:
-        spec = spec_of(env)
+        spec, shortest = spec_of(env), shortest_episode(env)
         state = _bytes_of(jax.eval_shape(env.reset, jax.random.key(0)))
+    states = config.num_envs + usual_pool_size(config.num_envs, config.rollout_length, shortest)
     # An algorithm of one's own may not learn of any sizes.
     if env is not None or not plugins.is_own(config.algo["name"]):
         learner = _bytes_of(jax.eval_shape(lambda: agent.init(jax.random.key(0), spec)))

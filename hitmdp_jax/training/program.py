@@ -26,7 +26,13 @@ from hitmdp_jax.training.callbacks import Callback, check_callbacks
 from hitmdp_jax.training.divergence import freeze_diverged, watched
 from hitmdp_jax.training.host_loop import Iterate, check_untraced, train_with
 from hitmdp_jax.training.policy import Policy
-from hitmdp_jax.training.sizes import check_sizes, num_iterations, pool_period, usual_pool_size
+from hitmdp_jax.training.sizes import (
+    check_sizes,
+    num_iterations,
+    pool_period,
+    shortest_episode,
+    usual_pool_size,
+)
 from hitmdp_jax.training.state import Hyperparameters, TrainState
 from hitmdp_jax.training.sweep import apart
 from hitmdp_jax.training.warm_start import (
@@ -84,10 +90,12 @@ def make_train(
             check_size(name, size)
     agent = _bound(agent, env)
     check_algorithm(agent, num_envs, rollout_length)
-    pool_size = reset_pool_size or usual_pool_size(num_envs, rollout_length)
+    shortest = shortest_episode(env, episode_length)
+    pool_size = reset_pool_size or usual_pool_size(num_envs, rollout_length, shortest)
     vector_env = VectorEnv(env, num_envs, pool_size, episode_length, stagger, agent.option_rewards)
     iterations = num_iterations(num_steps, num_envs, rollout_length, action_repeat_of(env))
-    program = Program(agent, vector_env, rollout_length, iterations)
+    period = pool_period(rollout_length, shortest)
+    program = Program(agent, vector_env, rollout_length, iterations, period)
     if init_from is not None:
         program = _beginning_with(program, learned_of(init_from), check_parts(init_parts))
     return program.init, program.step
@@ -112,6 +120,7 @@ class Program:
     env: VectorEnv
     rollout_length: int
     iterations: int  # of the whole run
+    pool_period: int  # iterations after which fresh initial states are drawn again
     begin: Callable[[TrainState], TrainState] = lambda state: state  # with what is known already
 
     def init(self, key: jax.Array, hyperparameters: Hyperparameters | None = None) -> TrainState:
@@ -145,7 +154,7 @@ class Program:
 
     def refilled(self, env: VectorEnv, state: TrainState, key: jax.Array) -> RolloutState:
         """Return where the last rollout stopped, with fresh initial states if new ones are due."""
-        rollout, period = state.rollout, pool_period(self.rollout_length)
+        rollout, period = state.rollout, self.pool_period
         if period == 1:
             return rollout.replace(env=env.refill(rollout.env, key))
         refilled = jax.lax.cond(

@@ -7,11 +7,12 @@ import pytest
 
 import hitmdp_jax
 from hitmdp_jax.agents import MOPG, PPO
+from hitmdp_jax.envs.action_repeat import ActionRepeat
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.metrics import describe
 from hitmdp_jax.training.divergence import CAUSES, freeze_diverged, watched
 from hitmdp_jax.training.program import repeat
-from hitmdp_jax.training.sizes import num_iterations
+from hitmdp_jax.training.sizes import num_iterations, pool_period, shortest_episode, usual_pool_size
 from hitmdp_jax.training.state import transfer
 from tests.probes import Counter, PlaygroundTarget, Remembering, Target
 
@@ -293,6 +294,47 @@ def test_fresh_states_are_drawn_for_all_trainings_when_they_are_due(key):
     assert not np.isclose(second, third).any(axis=1).all()
     states = jax.eval_shape(jax.vmap(init), jax.random.split(key))
     assert " cond[" in str(jax.make_jaxpr(jax.vmap(step))(states))
+
+
+class Lasting(Counter):
+    """Which says how long its episodes are at least."""
+
+    episode_length = shortest_episode = 50
+
+
+def test_a_task_of_long_episodes_draws_few_initial_states_and_uses_none_twice(key):
+    """A state for each environment every third iteration of 16 actions, and 15 iterations."""
+    init, step = hitmdp_jax.make_train(AGENT, Lasting(), **SIZES)
+
+    @jax.jit
+    def serials(key):
+        def once(state, _):
+            state, _ = step(state)
+            return state, state.rollout.env.env.obs[:, 1]
+
+        state, seen = jax.lax.scan(once, init(key), length=15)
+        return state.rollout.env.pool.obs, seen
+
+    pool, seen = serials(key)
+    assert len(pool) == SIZES["num_envs"]
+    of_each = [set(serials.tolist()) for serials in seen.T]
+    assert min(map(len, of_each)) >= 4  # 240 actions are more than four episodes
+    assert len(set().union(*of_each)) == sum(map(len, of_each))
+
+
+def test_fresh_states_are_as_many_as_episodes_may_end():
+    assert [shortest_episode(env) for env in (Counter(), Lasting())] == [4, 50]
+    assert shortest_episode(Lasting(), episode_length=20) == 20
+    assert shortest_episode(ActionRepeat(Lasting(), 2)) == 25
+    for rollout_length, shortest, period, size in (
+        (128, 4, 1, 512),  # of 16 environments: a quarter of the actions
+        (2, 4, 16, 128),
+        (128, 32, 1, 64),
+        (128, 1000, 7, 16),  # 896 actions, in which no environment ends twice
+        (128, 100, 1, 32),
+    ):
+        assert pool_period(rollout_length, shortest) == period
+        assert usual_pool_size(16, rollout_length, shortest) == size
 
 
 @pytest.mark.parametrize("compile_init", [False, True])

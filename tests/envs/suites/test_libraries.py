@@ -156,6 +156,7 @@ def test_minigrid_steps_as_it_does_by_itself(key):
 @pytest.mark.parametrize("name", ["Craftax-Classic-Symbolic-v1", "Craftax-Symbolic-v1"])
 def test_craftax_steps_as_it_does_by_itself(name, key):
     env = make_env(f"craftax/{name}")
+    assert env.shortest_episode == 32
     first, actions, states = walk(env, key)
     task = importlib.import_module("craftax.craftax_env").make_craftax_env_from_name(name, False)
     key, key_start = jax.random.split(key)
@@ -178,6 +179,7 @@ def test_craftax_steps_as_it_does_by_itself(name, key):
 @pytest.mark.parametrize("name", ["CheetahRun", "CartpoleBalance"])
 def test_playground_steps_as_it_does_by_itself(name, key):
     env = make_env(f"playground/{name}")
+    assert env.shortest_episode == env.spec.episode_length
     first, actions, states = walk(env, key)
     registry = importlib.import_module("mujoco_playground").registry
     task = registry.load(name, config_overrides={"impl": "jax"})

@@ -24,7 +24,11 @@ class CraftaxTask(KeyedTask):
 
     `params` let it run for ever, and the time limit is ours. Each achievement is a metric: 1 in the
     step that unlocks it, so that its sum over an episode says whether it was reached.
+
+    A world takes as long to make as 25 steps. Random actions survive for 41 steps or more.
     """
+
+    shortest_episode = 32
 
     def __init__(self, name: str, **keywords: Any):
         from craftax.craftax_env import make_craftax_env_from_name

@@ -38,6 +38,8 @@ class PlaygroundTask(SpecTask):
         self.task: Any = registry.load(name, config_overrides=overrides)
         length = registry.get_default_config(name).episode_length
         self.episode_length = settings.get("episode_length", length)
+        if name in registry.dm_control_suite.ALL_ENVS:  # which nothing but time ends
+            self.shortest_episode = self.episode_length
         size = self.task.action_size
         self.spec = Spec(
             observation_of(jax.eval_shape(self.task.reset, jax.random.key(0)).obs),
