@@ -17,8 +17,8 @@ from hitmdp_jax.networks import (
     MASTER_POLICIES,
     ActionDecoder,
     Critic,
+    OptionDirections,
     OptionEncoder,
-    OptionPosterior,
     Reads,
     read,
 )
@@ -79,14 +79,14 @@ class HitNetwork(nn.Module):
         if self.own_rewards:
             self.own_critic = Critic(self.hidden_sizes, self.activation)
         if self.learned_reward:
-            self.posterior = OptionPosterior(self.num_options, self.hidden_sizes, self.activation)
+            self.directions = OptionDirections(self.num_options)
 
     def __call__(self, obs: jax.Array) -> Any:
         """Run every part once, which initialises it."""
         option = jnp.zeros(obs.shape[:-1], jnp.int32)
         parts = [self.master(obs, option), self.action(obs, option), self.q(obs, option)]
         parts += [self.own_q(obs, option)] if self.own_rewards else []
-        return parts + ([self.log_posterior(obs)] if self.learned_reward else [])
+        return parts + ([self.along_directions(obs)] if self.learned_reward else [])
 
     def master(self, obs: jax.Array, previous: jax.Array) -> jax.Array:
         """Return log P(o | s, o_{t-1}) [..., K] for obs [..., O], previous [...]."""
@@ -110,9 +110,9 @@ class HitNetwork(nn.Module):
         every = self.option_scale * jnp.eye(self.num_options, dtype=jnp.float32)
         return self.own_critic(read(obs, self.reads.critic), every, option)
 
-    def log_posterior(self, change: jax.Array) -> jax.Array:
-        """Return log q(o | change) [..., K] for changes of the observation [..., O]."""
-        return self.posterior(read(change, self.reads.posterior))
+    def along_directions(self, change: jax.Array) -> jax.Array:
+        """Return how far changes [..., O] go along the direction of each option, [..., K]."""
+        return self.directions(read(change, self.reads.posterior))
 
     def every_action(self, obs: jax.Array) -> Any:
         """Return P(a | s, o) of each option, over [..., K], for obs [..., O]."""
@@ -210,10 +210,6 @@ class HitPolicy(GradientAgent):
     def own_q(self, params: Any, obs: jax.Array, option: jax.Array) -> jax.Array:
         """Return the value [...] of going on with the option for ever, by its own reward."""
         return self._apply(params, "own_q", obs, option)
-
-    def log_posterior(self, params: Any, change: jax.Array) -> jax.Array:
-        """Return log q(o | change) [..., K] for changes of the observation [..., O]."""
-        return self._apply(params, "log_posterior", change)
 
     def every_q(self, params: Any, obs: jax.Array, memory: jax.Array) -> jax.Array:
         """Return Q_O[s, o] of each option, [..., K], for memory [...] before the choice."""

@@ -21,13 +21,15 @@ class OwnRewards(HitPolicy, ScaledAgent):
     With n `option_rewards`, names of what the task offers (`envs.option_rewards`), option k learns
     its actions from the (k mod n)-th, as if it went on for ever (after SOL, arXiv 2509.00338). A
     critic of its own predicts that reward's return under the discount `own_gamma`. The name
-    "learned" stands for log q(o | where the option led) - log p(o), where q is a network that
-    learns to tell the options apart. With no names, actions learn from the task's reward.
+    "learned" stands for log q(o | where the option led) - log p(o), where q learns to tell the
+    options apart by a direction of each (`networks.directions`). With no names, actions learn from
+    the task's reward.
     """
 
     own_gamma: float = traced(0.95, high=1.0)
     option_rewards: tuple[str, ...] = static((), of=str)
     learned_steps: int = static(8)  # after which it is asked where an option led, for "learned"
+    posterior_scale: float = traced(2.0)
     posterior_reads: tuple[str, ...] = static((), of=str)
 
     def own_targets(self, params: Any, batch: Batch) -> dict[str, Any]:
@@ -83,6 +85,14 @@ class OwnRewards(HitPolicy, ScaledAgent):
             paid = paid.at[..., self.option_rewards.index(LEARNED)].set(told)
         of_each = jnp.arange(self.num_options) % len(self.option_rewards)
         return at_option(paid[..., of_each], batch.record)
+
+    def log_posterior(self, params: Any, change: jax.Array) -> jax.Array:
+        """Return log q(o | change) [..., K] for changes of the observation [..., O].
+
+        A logit grows by `posterior_scale` nats where a change goes one unit along the direction.
+        """
+        along = self._apply(params, "along_directions", change)
+        return jax.nn.log_softmax(self.posterior_scale * along)
 
     def change(self, batch: Batch) -> jax.Array:
         """Return where the option in charge led, s_{t+n} - s_t [T, B, O] in normalised units."""

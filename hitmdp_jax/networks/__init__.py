@@ -1,10 +1,10 @@
 """Flax modules: the option encoder, the decoders, the option heads and the body they share."""
 
 from hitmdp_jax.networks.decoders import ActionCritic, ActionDecoder, Critic
+from hitmdp_jax.networks.directions import OptionDirections
 from hitmdp_jax.networks.mlp import MLP
 from hitmdp_jax.networks.option_encoder import MASTER_POLICIES, OptionEncoder
 from hitmdp_jax.networks.option_heads import OptionHeads, OptionNetwork
-from hitmdp_jax.networks.posterior import OptionPosterior
 from hitmdp_jax.networks.reads import Reads, read
 from hitmdp_jax.networks.squashed import SquashedHead, TanhGaussian
 
@@ -14,10 +14,10 @@ __all__ = [
     "ActionCritic",
     "ActionDecoder",
     "Critic",
+    "OptionDirections",
     "OptionEncoder",
     "OptionHeads",
     "OptionNetwork",
-    "OptionPosterior",
     "Reads",
     "SquashedHead",
     "TanhGaussian",

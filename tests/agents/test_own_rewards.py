@@ -9,6 +9,7 @@ from scipy.special import rel_entr
 from hitmdp_jax import UsageError, make_env, train
 from hitmdp_jax.agents import MOPG, PPO
 from hitmdp_jax.learning.options import standardize_by_option
+from hitmdp_jax.networks import OptionDirections
 from hitmdp_jax.training.program import make_train
 from tests.agents.compiled import Compiled
 from tests.agents.option_batches import SMALL, B, K, T, flatten, normal, random_batch, random_params
@@ -193,6 +194,34 @@ class TestLearnedReward:
             )
             np.testing.assert_allclose(paid[t, b], expected, rtol=1e-4, atol=1e-5)
 
+    def test_going_on_along_its_direction_pays_an_option_more_and_more(self, agent):
+        """By hand: a softmax of K projections on unit vectors, 2 nats for each unit of change."""
+        params = random_params(agent)
+        rows = np.asarray(params["directions"]["directions"])
+        rows = rows - rows.mean(0)
+        rows = rows / np.linalg.norm(rows, axis=-1, keepdims=True)
+        steps = np.array([0.0, 0.5, 1.0, 2.0])
+        found = agent.log_posterior(params, steps[:, None, None] * rows)
+        for n, k in np.ndindex(len(steps), K):
+            logits = 2.0 * steps[n] * rows @ rows[k]
+            expected = logits - np.log(np.exp(logits).sum())
+            np.testing.assert_allclose(found[n, k], expected, rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(found[0], -np.log(K), rtol=1e-5)  # who stays tells nothing
+        own = np.asarray(found)[:, np.arange(K), np.arange(K)]
+        assert (np.diff(own, axis=0) > 0.0).all()
+
+    @pytest.mark.parametrize("size", [1, 2, 5])
+    @pytest.mark.parametrize("num_options", [1, 2])
+    def test_two_options_get_opposite_directions_and_one_tells_nothing(self, num_options, size):
+        change = np.ones((3, size), np.float32)
+        network = OptionDirections(num_options)
+        params = network.init(jax.random.key(size), change)
+        value, gradient = jax.value_and_grad(lambda p: network.apply(p, change).sum())(params)
+        np.testing.assert_allclose(value, 0.0, atol=1e-5)
+        assert all(np.isfinite(x).all() for x in jax.tree.leaves(gradient))
+        along = np.abs(network.apply(params, change))
+        assert (along > 0.0).all() == (num_options == 2)
+
     def test_q_learns_to_tell_options_by_their_changes(self, agent, batch):
         params = random_params(agent)
         data = flatten(agent.targets(params, batch)[0])
@@ -200,13 +229,13 @@ class TestLearnedReward:
         log_q = np.asarray(agent.log_posterior(params, data["change"]))
         told = np.take_along_axis(log_q, data["option"][:, None], axis=-1).mean()
         np.testing.assert_allclose(metrics["learned_information"], told + np.log(K), rtol=1e-4)
-        gradient = compiled(jax.grad(lambda p: agent.loss(p, data)[0]))(params)["posterior"]
+        gradient = compiled(jax.grad(lambda p: agent.loss(p, data)[0]))(params)["directions"]
 
         def cross_entropy(params):
             log_q = agent.log_posterior(params, data["change"])
             return -jnp.take_along_axis(log_q, data["option"][:, None], axis=-1).mean()
 
-        expected = compiled(jax.grad(cross_entropy))(params)["posterior"]
+        expected = compiled(jax.grad(cross_entropy))(params)["directions"]
         jax.tree.map(
             lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-3, atol=1e-5), gradient, expected
         )
@@ -219,7 +248,7 @@ def test_a_learned_reward_needs_nothing_of_the_task():
     init, step = make_train(agent, env, num_steps=256, num_envs=4, rollout_length=64)
     state, metrics = jax.eval_shape(lambda key: step(init(key)), jax.random.key(0))
     assert metrics["learned_information"].shape == ()
-    assert "posterior" in state.learner.params
+    assert "directions" in state.learner.params
 
 
 @pytest.mark.slow
