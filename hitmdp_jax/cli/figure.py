@@ -1,7 +1,7 @@
 """Draw one figure, of trained runs or of random option frameworks."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import jax
@@ -36,6 +36,10 @@ from hitmdp_jax.runs.policy import places
 from hitmdp_jax.video import filmstrip
 
 EPISODES = 8  # to record, where a figure shows episodes
+PICTURES: dict[Needs, Callable[[OptionAnalysis], Mapping[int, np.ndarray]]] = {
+    Needs.PICTURES: lambda analysis: filmstrip.pictures(analysis.env, analysis.trajectories),
+    Needs.POSES: filmstrip.poses,
+}
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -67,7 +71,7 @@ def _check(entry: Entry, arguments: argparse.Namespace) -> None:
         raise UsageError(f"{name} is a figure of {entry.needs.value}: name a RUN_DIR.")
     if entry.needs != Needs.RUNS and number > 1:
         raise UsageError(f"{name} is a figure of {entry.needs.value}: name one RUN_DIR.")
-    if entry.needs not in (Needs.EPISODES, Needs.PICTURES):
+    if entry.needs not in (Needs.EPISODES, *PICTURES):
         for flag in ("setting", "checkpoint", "task", "episodes", "env"):
             if getattr(arguments, flag) is not None:
                 raise UsageError(f"--{flag} has no effect: {name} shows no episodes.")
@@ -85,7 +89,7 @@ def _drawn(entry: Entry, arguments: argparse.Namespace) -> Figure:
         runs = metrics_of(arguments)
         return entry.draw(runs if entry.needs == Needs.RUNS else runs[0])
     analysis = analysis_of(arguments)
-    more = [_pictures(arguments.name, analysis)] if entry.needs == Needs.PICTURES else []
+    more = [_pictures(entry.needs, arguments.name, analysis)] if entry.needs in PICTURES else []
     figure = entry.draw(analysis, *more)
     if arguments.name == "causal":
         tables.show(table(analysis.interventions))
@@ -129,10 +133,10 @@ def metrics_of(arguments: argparse.Namespace) -> list[RunMetrics]:
     return runs
 
 
-def _pictures(name: str, analysis: OptionAnalysis) -> Mapping[int, np.ndarray]:
-    """Return pictures of the first episode; none, with a warning, where nothing can be drawn."""
+def _pictures(needs: Needs, name: str, analysis: OptionAnalysis) -> Mapping[int, np.ndarray]:
+    """Return the pictures that a figure needs; none, with a warning, where nothing can be drawn."""
     try:
-        return filmstrip.pictures(analysis.env, analysis.trajectories)
+        return PICTURES[needs](analysis)
     except UsageError as reason:
         warn(f"{name} shows no pictures: {reason}")
         return {}

@@ -3,6 +3,7 @@
 import argparse
 import functools
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 
 EPISODES = 8
-FILMED = 15.0  # seconds of the page's video; a step of a task without a clock counts as 1/20 s
+FILMED, CLIPPED = 12.0, 2.5  # seconds of the page's video, and of the clip of an option
 PIXELS = (480, 360)  # its size, which is that of a page and not of a film
 ENGINE = "native"  # MuJoCo C compiles in no time, and scores as the others do
 
@@ -113,15 +114,8 @@ def report(
     shown = _Shown(run_dir, config, training, episodes, other)
     if other is not None:
         check_fit(*shown.policy_and_env)  # or no section of the page would show that task
-    return RunReport(
-        run_dir,
-        config,
-        command_line(config),
-        training,
-        lambda: shown.analysis,
-        shown.video,
-        None if other is None else other["name"],
-    ).html()
+    named = None if other is None else other["name"]
+    return RunReport(run_dir, config, command_line(config), training, shown, named).html()
 
 
 class _Shown:
@@ -157,6 +151,10 @@ class _Shown:
         policy, env = self.policy_and_env
         return OptionAnalysis(policy, env, self.key, self.episodes)
 
+    def analyse(self) -> "OptionAnalysis":
+        """Return the analysis; raises as it does."""
+        return self.analysis
+
     def recorded(self) -> Trajectories:
         """Return the episodes that the page speaks of; one of a policy without options."""
         try:
@@ -172,10 +170,38 @@ class _Shown:
 
         _, env = self.policy_and_env
         check_filming(env, (self.other or self.config.tasks[-1])["name"])
-        shown = self.recorded()
-        steps = FILMED / (spec_of(env).dt or 1 / 20)
-        beginning = shown.alive & (np.arange(len(shown.alive)) < steps)[:, None]
-        write_video(path, env, shown.replace(alive=beginning), episodes=[0], size=PIXELS)
+        shown = _beginning(self.recorded(), FILMED, spec_of(env).dt)
+        write_video(path, env, shown, episodes=[0], size=PIXELS)
+
+    def clips(self, options: Sequence[int], paths: Sequence[Path]) -> None:
+        """Film how the first episode begins when each of these options acts alone."""
+        from hitmdp_jax.cli.video import check_filming
+        from hitmdp_jax.video.film import write_clips
+
+        _, env = self.policy_and_env
+        check_filming(env, (self.other or self.config.tasks[-1])["name"])
+        alone = self.analysis.interventions.alone
+        films = [jax.tree.map(lambda x, k=k: x[k], alone) for k in options]
+        dt = spec_of(env).dt
+        write_clips(paths, env, [_beginning(film, CLIPPED, dt) for film in films])
+
+    def poses(self) -> Mapping[int, np.ndarray]:
+        """Draw the body at a typical state of each option."""
+        from hitmdp_jax.video.filmstrip import poses
+
+        return poses(self.analysis)
+
+
+def _beginning(recorded: Trajectories, seconds: float, dt: float | None) -> Trajectories:
+    """Return how episodes begin.
+
+    Args:
+      recorded: the episodes.
+      seconds: how long; a step of a task without a clock counts as 1/20 s.
+      dt: seconds that a control step takes; None of a task without a clock.
+    """
+    steps = np.arange(len(recorded.alive)) < seconds / (dt or 1 / 20)
+    return recorded.replace(alive=np.asarray(recorded.alive) & steps[:, None])
 
 
 def _median(run_dir: Path, config: RunConfig) -> int:

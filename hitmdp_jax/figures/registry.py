@@ -29,6 +29,7 @@ class Needs(enum.Enum):
     RUNS = "several runs"  # Sequence[RunMetrics]
     EPISODES = "recorded episodes"  # OptionAnalysis
     PICTURES = "recorded episodes and pictures of the first"  # OptionAnalysis, step -> picture
+    POSES = "recorded episodes and pictures of typical states"  # OptionAnalysis, option -> picture
     MODELS = "random option frameworks"  # OptionModel, as `theorems.sample_models` draws them
 
 

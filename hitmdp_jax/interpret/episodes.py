@@ -19,6 +19,7 @@ from hitmdp_jax.errors import UsageError
 from hitmdp_jax.precision import as_before, in_32_bits
 from hitmdp_jax.training.policy import Policy
 
+STATIC = ("env", "num_episodes", "deterministic", "physics", "pictured")
 COORDINATES = ("qpos", "qvel", "ctrl")
 OURS_ALONE = {
     "hide_velocities": False,
@@ -53,6 +54,13 @@ class Trajectories(struct.PyTreeNode):
     ctrl: jax.Array | None = None  # [T, N, nu]
     state: Any = None  # [T, N, ...] likewise the whole state of a task that draws itself
 
+    def episode(self, n: int) -> "Trajectories":
+        """Return episode n alone, [T, 1, ...]; its fields for pictures may be of fewer episodes."""
+        ends = {"terminated": self.terminated, "success": self.success}
+        steps = self.replace(terminated=None, success=None)
+        alone = jax.tree.map(lambda x: x[:, n : n + 1], steps)
+        return alone.replace(**jax.tree.map(lambda x: x[n : n + 1], ends))
+
     @property
     def truncated(self) -> jax.Array:
         """Whether the time limit ended the episode, [N]."""
@@ -69,7 +77,7 @@ class Trajectories(struct.PyTreeNode):
         return self.control_steps.sum(axis=-2)
 
 
-@functools.partial(jax.jit, static_argnames=("env", "num_episodes", "deterministic", "physics"))
+@functools.partial(jax.jit, static_argnames=STATIC)
 def run_episodes(
     policy: Policy,
     env: Env,
@@ -79,6 +87,7 @@ def run_episodes(
     options: jax.Array | None = None,
     deterministic: bool = False,
     physics: bool = False,
+    pictured: int | None = None,
     numbers: Mapping[str, jax.Array] | None = None,
 ) -> Trajectories:
     """Run a policy in N environments, each until its first episode ends.
@@ -96,6 +105,7 @@ def run_episodes(
       deterministic: take the likeliest option and action instead of sampling.
       physics: record what pictures need too: the generalised coordinates and controls, or the
         whole states of a task that draws itself.
+      pictured: of how many episodes, the first ones, what pictures need is recorded; None: of all.
       numbers: other numbers [] of the task's, by keyword (`envs.numbers`).
 
     Raises:
@@ -109,7 +119,8 @@ def run_episodes(
         jnp.ones(num_episodes, bool),
     )
     keys = jax.random.split(key_steps, most_actions(env))
-    step = functools.partial(_step, policy, env, deterministic, physics)
+    shown = slice(pictured if physics else 0)
+    step = functools.partial(_step, policy, env, deterministic, shown)
     (_, _, alive), steps = jax.lax.scan(step, start, (keys, options))
     success = jax.tree.map(lambda x: x.max(axis=0), steps.pop("success"))
     return in_32_bits(Trajectories(**steps, terminated=~alive, success=success))
@@ -119,7 +130,7 @@ def _step(
     policy: Policy,
     env: Env,
     deterministic: bool,
-    physics: bool,
+    pictured: slice,
     before: tuple[Any, Any, jax.Array],
     now: tuple[jax.Array, jax.Array | None],
 ) -> tuple[tuple[Any, Any, jax.Array], dict[str, Any]]:
@@ -128,8 +139,8 @@ def _step(
     Args:
       policy: what acts.
       env: the task.
-      deterministic: as of `run_episodes`, like `physics`.
-      physics: record what pictures need too.
+      deterministic: as of `run_episodes`.
+      pictured: the episodes of which what pictures need is recorded, too.
       before: state [N, ...], the policy's memory [N, ...], and whether the episode goes on [N].
       now: key of the step; options [N] to follow, None for the policy's own.
     """
@@ -139,8 +150,10 @@ def _step(
     else:
         decision = _follow(policy, state.obs, option, key, deterministic)
     new_state = as_before(jax.vmap(env.step)(state, decision["action"]), state)
-    pictured = _pictured(env, state) if physics else {}
-    seen = decision | pictured | _outcome(policy, state, new_state, alive)
+    shown = {}
+    if pictured.stop != 0:
+        shown = _pictured(env, jax.tree.map(lambda x: x[pictured], state))
+    seen = decision | shown | _outcome(policy, state, new_state, alive)
     return (new_state, memory, alive & ~new_state.done.astype(bool)), seen
 
 

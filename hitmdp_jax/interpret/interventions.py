@@ -44,6 +44,9 @@ class Interventions(NamedTuple):
     names: tuple[str, ...]  # the policy's own choices first, each option alone last
     returns: np.ndarray  # [M, N] undiscounted
     lengths: np.ndarray  # [M, N] control steps
+    # [K, T, 1, ...] the first episode under each option alone, with what pictures need; None unless
+    # that was asked for.
+    alone: Trajectories | None = None
 
     @property
     def num_options(self) -> int:
@@ -101,7 +104,13 @@ def alike(divergence: np.ndarray) -> str:
 
 
 def intervene(
-    policy: Policy, env: Env, key: jax.Array, own: Trajectories, *, deterministic: bool = False
+    policy: Policy,
+    env: Env,
+    key: jax.Array,
+    own: Trajectories,
+    *,
+    deterministic: bool = False,
+    physics: bool = False,
 ) -> Interventions:
     """Run a policy's episodes again with other choices of options.
 
@@ -113,6 +122,7 @@ def intervene(
       key: that of `own`, so that the episodes start in the same states.
       own: the policy's own episodes, as `run_episodes` gave them.
       deterministic: take the likeliest action instead of sampling; as for `own`.
+      physics: keep what pictures need of the first episode under each option alone.
 
     Raises:
       UsageError: the agent has no options.
@@ -121,25 +131,35 @@ def intervene(
     num_options = number_of_options(policy.agent)
     plans = schedules(np.asarray(own.option), own.alive, num_options, np.random.default_rng(seed))
     stacked = jnp.asarray(np.stack(list(plans.values())), jnp.int32)
-    episodes = _returns_and_lengths(policy, env, key, stacked, deterministic)
+    *episodes, first = jax.device_get(_episodes(policy, env, key, stacked, deterministic, physics))
     mine = own.returns, own.lengths
     returns, lengths = (
         np.concatenate([np.asarray(x)[None], np.asarray(y)])
         for x, y in zip(mine, episodes, strict=True)
     )
-    return Interventions((OWN, *plans), returns, lengths)
+    alone = jax.tree.map(lambda x: x[-num_options:], first)
+    return Interventions((OWN, *plans), returns, lengths, alone)
 
 
-@functools.partial(jax.jit, static_argnames=("env", "deterministic"))
-def _returns_and_lengths(
-    policy: Policy, env: Env, key: jax.Array, plans: jax.Array, deterministic: bool
-) -> tuple[jax.Array, jax.Array]:
-    """Return the returns and lengths of episodes under plans [M, T, N], [M, N] each."""
+@functools.partial(jax.jit, static_argnames=("env", "deterministic", "physics"))
+def _episodes(
+    policy: Policy,
+    env: Env,
+    key: jax.Array,
+    plans: jax.Array,
+    deterministic: bool,
+    physics: bool,
+) -> tuple[jax.Array, jax.Array, Trajectories | None]:
+    """Return the returns and lengths of episodes under plans [M, T, N], [M, N] each.
 
-    def run(plan: jax.Array) -> tuple[jax.Array, jax.Array]:
-        how = {"options": plan, "deterministic": deterministic}
+    With `physics`, the first episode under each plan comes third, [M, T, 1, ...]; else None.
+    """
+
+    def run(plan: jax.Array) -> tuple[jax.Array, jax.Array, Trajectories | None]:
+        how = {"options": plan, "deterministic": deterministic, "physics": physics, "pictured": 1}
         recorded = run_episodes(policy, env, key, plan.shape[1], **how)
-        return recorded.returns, recorded.lengths
+        first = recorded.episode(0) if physics else None
+        return recorded.returns, recorded.lengths, first
 
     return jax.vmap(run)(plans)
 

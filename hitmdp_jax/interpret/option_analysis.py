@@ -17,7 +17,13 @@ from hitmdp_jax.interpret.interventions import Interventions, divergence, interv
 from hitmdp_jax.interpret.option_use import number_of_options
 from hitmdp_jax.interpret.perturbation import Perturbation, embeddings, perturb
 from hitmdp_jax.interpret.projection import Projection, project
-from hitmdp_jax.interpret.visited_states import States, attention, terminations, visited
+from hitmdp_jax.interpret.visited_states import (
+    States,
+    attention,
+    terminations,
+    typical,
+    visited,
+)
 from hitmdp_jax.runs.policy import Policy
 
 DECODED_STATES = 256  # states in which perturbed options are decoded
@@ -130,14 +136,18 @@ class OptionAnalysis:
     @functools.cached_property
     def interventions(self) -> Interventions:
         """Returns of episodes with other choices of options, from the same states."""
-        return intervene(
-            self.policy, self.env, self.key, self.trajectories, deterministic=self.deterministic
-        )
+        how = {"deterministic": self.deterministic, "physics": can_be_drawn(self.env)}
+        return intervene(self.policy, self.env, self.key, self.trajectories, **how)
 
     @functools.cached_property
     def projection(self) -> Projection:
         """The states as the policy sees them, in two dimensions."""
         return project(np.asarray(self.policy.normalized(self.states.obs)))
+
+    @functools.cached_property
+    def typical(self) -> dict[int, int]:
+        """The state that is typical of each option that acts, by its index in `states`."""
+        return typical(np.asarray(self.policy.normalized(self.states.obs)), self.states.option)
 
     @property
     def embeddings(self) -> np.ndarray | None:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from hitmdp_jax.agents.hit_policy import HitPolicy
 from hitmdp_jax.agents.option_agent import OptionAgent
@@ -20,13 +21,16 @@ class States(NamedTuple):
     obs: np.ndarray  # [S, O] raw
     option: np.ndarray  # [S] int, o_t
     previous: np.ndarray  # [S] int, o_{t-1}; o_t itself at an episode's start
+    step: np.ndarray  # [S] int, t
+    episode: np.ndarray  # [S] int, n
 
 
 def visited(recorded: Trajectories, most: int = MOST_STATES) -> States:
     """Return the steps of all episodes, or `most` of them, evenly spread."""
     option = np.asarray(recorded.option)
     previous = np.concatenate([option[:1], option[:-1]])
-    everything = np.asarray(recorded.obs), option, previous
+    step, episode = np.meshgrid(*map(np.arange, option.shape), indexing="ij")
+    everything = np.asarray(recorded.obs), option, previous, step, episode
     steps = np.flatnonzero(np.asarray(recorded.alive).T)  # one episode after the other
     chosen = steps[np.linspace(0, len(steps) - 1, min(most, len(steps))).astype(int)]
     return States(*(x.swapaxes(0, 1).reshape(-1, *x.shape[2:])[chosen] for x in everything))
@@ -54,6 +58,28 @@ def terminations(policy: Policy, states: States) -> jax.Array | None:
     if not isinstance(agent, OptionAgent):
         return None
     return jax.nn.sigmoid(agent.heads(policy.params, policy.normalized(states.obs)).termination)
+
+
+def typical(points: np.ndarray, option: np.ndarray) -> dict[int, int]:
+    """Return the state of each option around which its states lie most densely.
+
+    A tenth of the option's states lie nearer to it than to any other of them. The one in the middle
+    of all, the medoid, would be no such state: of a body that runs, it is one that stands still.
+
+    Args:
+      points: the states [S, D], as the policy sees them.
+      option: the option that acted in each [S].
+
+    Returns:
+      option -> the index of its state; options that never acted have none.
+    """
+    found = {}
+    for k in np.unique(option).tolist():
+        (own,) = np.nonzero(option == k)
+        near = min(-(-len(own) // 10), len(own) - 1)  # of the others
+        reach = np.partition(cdist(points[own], points[own]), near, axis=1)[:, near]
+        found[k] = int(own[reach.argmin()])
+    return found
 
 
 def cosine_similarities(rows: np.ndarray) -> np.ndarray:

@@ -8,8 +8,9 @@ import dataclasses
 import functools
 import math
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -27,12 +28,43 @@ from hitmdp_jax.interpret.statistics import number_text, rounding
 from hitmdp_jax.interpret.summary import rank
 from hitmdp_jax.interpret.verdict import episodes_needed, verdict
 from hitmdp_jax.report.interactive import chart, explorer, learning_curves
-from hitmdp_jax.report.page import Parts, drawing, film, heading, page, preformatted, table, text
+from hitmdp_jax.report.page import (
+    Parts,
+    clips,
+    drawing,
+    film,
+    heading,
+    page,
+    preformatted,
+    table,
+    text,
+)
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.metrics import by_setting, read_metrics
 from hitmdp_jax.runs.provenance import made_with
 
 SETTINGS = 7  # of a sweep whose curves are drawn, the best
+CLIPS = 8  # options, those used most, whose clips are shown
+
+
+class Shown(Protocol):
+    """The policy that a page shows: what its options do, and pictures of it."""
+
+    def analyse(self) -> OptionAnalysis:
+        """Return what its options do; raises UsageError where it has none."""
+        ...
+
+    def video(self, path: Path) -> None:
+        """Write a video of it; raises UsageError if it cannot, as the following do."""
+        ...
+
+    def clips(self, options: Sequence[int], paths: Sequence[Path]) -> None:
+        """Write a clip of each of these options, which acts alone, to a path each."""
+        ...
+
+    def poses(self) -> Mapping[int, np.ndarray]:
+        """Return option -> picture [height, width, 3] of its typical state."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -44,17 +76,15 @@ class RunReport:
       config: its settings.
       command: what trains what they say.
       training: the number of the training whose options are shown, among the run's.
-      analyse: makes the analysis of that policy; it raises UsageError where it has no options.
-      video: writes a video of that policy to a path; it raises UsageError if it cannot.
-      other: another task than the run's, in which both show the policy; None is the run's own.
+      shown: the policy of that training.
+      other: another task than the run's, in which it is shown; None is the run's own.
     """
 
     run_dir: Path
     config: RunConfig
     command: str
     training: int
-    analyse: Callable[[], OptionAnalysis]
-    video: Callable[[Path], None]
+    shown: Shown
     other: str | None = None
 
     def html(self) -> str:
@@ -62,11 +92,13 @@ class RunReport:
         of_options = {
             section.value: functools.partial(self.options, section) for section in registry.Section
         }
+        alone = {"Each option alone": self.alone}
         if "num_options" not in self.config.algo:
-            of_options = {}  # of an algorithm without options there is nothing to say
+            alone, of_options = {}, {}  # of an algorithm without options there is nothing to say
         sections = {
             "In short": self.verdict,
             "Video": self.film,
+            **alone,
             "What was run": self.summary,
             "What it learned": self.learning,
             **of_options,
@@ -131,8 +163,8 @@ class RunReport:
 
     @functools.cached_property
     def analysis(self) -> OptionAnalysis:
-        """What the policy's options do."""
-        return self.analyse()
+        """What the policy's options do; raises UsageError where it has none."""
+        return self.shown.analyse()
 
     @functools.cached_property
     def of_training(self) -> RunMetrics:
@@ -219,8 +251,7 @@ class RunReport:
             if entry.section != section:
                 continue
             try:
-                of_run = entry.needs == Needs.METRICS
-                figure = entry.draw(self.of_training if of_run else self.analysis)
+                figure = entry.draw(*self._needed(entry.needs))
             except UsageError as reason:
                 reasons.append(reason)
                 continue
@@ -234,10 +265,31 @@ class RunReport:
         if section in BESIDE:
             yield from BESIDE[section](self.analysis)
 
+    def _needed(self, needs: Needs) -> tuple[Any, ...]:
+        """Return the arguments of a figure's `draw`."""
+        if needs == Needs.METRICS:
+            return (self.of_training,)
+        return self.analysis, *([self.shown.poses()] if needs == Needs.POSES else [])
+
     def film(self) -> Parts:
         """Show how an episode begins, the active option around it and as a strip below."""
-        yield film(self.video, "The beginning of an episode")
+        yield film(self.shown.video, "The beginning of an episode")
         yield text("The beginning of the first recorded episode.")
+
+    def alone(self) -> Parts:
+        """Show what each option does by itself, all from the state in which the video begins."""
+        analysis = self.analysis
+        analysis.check_several_options()
+        options = sorted(analysis.by_usage[:CLIPS].tolist())
+        returns = analysis.interventions.returns[-analysis.num_options :, 0]
+        values = [number_text(x, rounding(returns)) for x in returns.tolist()]
+        captions = [f"Option {k} alone, from the same state: return {values[k]}" for k in options]
+        yield clips(functools.partial(self.shown.clips, options), captions)
+        yield text(
+            "The video above and all clips begin in one state. In a clip one option acts at every "
+            "step. A clip shows how the episode begins; the return is that of the whole episode. "
+            "An episode that ends early stands still."
+        )
 
     def settings(self) -> Parts:
         """Quote every setting."""

@@ -17,18 +17,21 @@ from hitmdp_jax.envs.spec import spec_of
 from hitmdp_jax.errors import UsageError, missing_extra
 from hitmdp_jax.interpret.episodes import Trajectories
 from hitmdp_jax.runs.folder import replaced
-from hitmdp_jax.video.frames import Scene
+from hitmdp_jax.video.frames import BORDER, Scene
 from hitmdp_jax.video.pictures import painter_of
 from hitmdp_jax.video.rendering import SIZE
 
 MAX_FPS = 60
 WITHOUT_CLOCK = 8.0  # frames per second of tasks whose steps take no time
+MAX_CLIP_FPS = 10  # of clips: a page holds several, and drawing their frames takes its time
+CLIP = (240, 180)  # pixels of the picture of the body in a clip
+SHARP, LIGHT = 25, 30  # how coarse a video is (x264's CRF); of 30 it has half as many bytes
 SMALL = (480, 360)  # pixels of the picture of the body in each of several films side by side
 GIF = (320, 10, 10)  # pixels in width, frames per second and seconds of an animated picture
 
 
 class Timing(NamedTuple):
-    """Which steps of an episode a video shows, and when: real time, at most `MAX_FPS`.
+    """Which steps of an episode a video shows, and when, in real time.
 
     Frame i shows step `every * i` and stands for `every * dt` seconds.
     """
@@ -37,11 +40,16 @@ class Timing(NamedTuple):
     fps: float
 
 
-def timing(dt: float | None) -> Timing:
-    """Return the timing of a task whose control step takes `dt` seconds, None without a clock."""
+def timing(dt: float | None, most: float = MAX_FPS) -> Timing:
+    """Return the timing of a video.
+
+    Args:
+      dt: seconds that a control step of the task takes; None of a task without a clock.
+      most: frames per second, at most.
+    """
     if dt is None:
         return Timing(1, WITHOUT_CLOCK)
-    every = max(1, math.ceil(1 / (MAX_FPS * dt) - 1e-6))
+    every = max(1, math.ceil(1 / (most * dt) - 1e-6))
     return Timing(every, 1 / (every * dt))
 
 
@@ -122,6 +130,37 @@ def write_side_by_side(
             write(grid(frames, columns))
 
 
+def write_clips(
+    paths: Sequence[Path],
+    env: Env,
+    films: Sequence[Trajectories],
+    size: tuple[int, int] = CLIP,
+) -> None:
+    """Write the first episode of each of several recordings as a small MP4 of its own.
+
+    A frame is the body in a border of the option's colour. All clips are of one length: an episode
+    that has ended stands still, as in `write_side_by_side`.
+
+    Args:
+      paths: a file for each recording.
+      env: the task they were recorded in.
+      films: the recordings, with options and with what pictures need.
+      size: width and height of each picture of the body, pixels; even numbers.
+
+    Raises:
+      UsageError: nothing can be drawn here, or no video written.
+    """
+    every, fps = timing(spec_of(env).dt, MAX_CLIP_FPS)
+    bordered = size[0] + 2 * BORDER, size[1] + 2 * BORDER
+    with contextlib.ExitStack() as stack:
+        painter = stack.enter_context(painter_of(env, size))
+        encoders = [stack.enter_context(encoder(path, bordered, fps, LIGHT)) for path in paths]
+        scenes = [Scene(env, recorded, 0).bodies(painter, every) for recorded in films]
+        for frames in together(scenes):
+            for write, frame in zip(encoders, frames, strict=True):
+                write(frame)
+
+
 def together(films: Sequence[Iterator[np.ndarray]]) -> Iterator[list[np.ndarray]]:
     """Yield a frame of each film until all have ended; one that has ended keeps its last."""
     last: list[np.ndarray] = []
@@ -142,7 +181,7 @@ def grid(frames: Sequence[np.ndarray], columns: int) -> np.ndarray:
 
 @contextlib.contextmanager
 def encoder(
-    path: Path, size: tuple[int, int], fps: float
+    path: Path, size: tuple[int, int], fps: float, crf: int = SHARP
 ) -> Iterator[Callable[[np.ndarray], object]]:
     """Give a function that adds a frame [height, width, 3] to a video.
 
@@ -150,6 +189,7 @@ def encoder(
       path: the file, which appears when it is whole.
       size: width and height, even numbers.
       fps: frames per second.
+      crf: how coarse it is, from 0 to 51.
 
     Raises:
       UsageError: there is no ffmpeg, or it fails.
@@ -159,7 +199,7 @@ def encoder(
     width, height = size
     command = [ffmpeg, "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]
     command += ["-s", f"{width}x{height}", "-r", f"{fps:.6f}", "-i", "-", "-c:v", "libx264"]
-    command += ["-pix_fmt", "yuv420p", "-preset", "veryfast", "-crf", "25"]
+    command += ["-pix_fmt", "yuv420p", "-preset", "veryfast", "-crf", str(crf)]
     command += ["-movflags", "+faststart", "-f", "mp4"]
     with replaced(path) as file:
         # Not imageio-ffmpeg's own writer: it forks a process that has threads of JAX's.

@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from hitmdp_jax.figures.style import option_color, plain
 from hitmdp_jax.interpret.episodes import Trajectories
+from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.video.frames import Scene
 from hitmdp_jax.video.pictures import painter_of
 
@@ -27,6 +28,25 @@ def pictures(env: Env, recorded: Trajectories) -> dict[int, np.ndarray]:
     with painter_of(env, THUMBNAIL) as painter:
         steps = evenly(np.arange(scene.length)).tolist()
         return {step: painter.paint(*scene.shown(step)) for step in steps}
+
+
+def poses(analysis: OptionAnalysis) -> dict[int, np.ndarray]:
+    """Return option -> picture [height, width, 3] of the state that is typical of it.
+
+    Args:
+      analysis: of a policy, whose episodes were recorded with what pictures need.
+
+    Raises:
+      UsageError: the task cannot be drawn, or nothing can be drawn here.
+    """
+    states, recorded = analysis.states, analysis.trajectories
+    with painter_of(analysis.env, THUMBNAIL) as painter:
+        return {
+            k: painter.paint(
+                *Scene(analysis.env, recorded, states.episode[i]).shown(states.step[i])
+            )
+            for k, i in analysis.typical.items()
+        }
 
 
 def filmstrip(env: Env, recorded: Trajectories, title: str = "") -> Figure:

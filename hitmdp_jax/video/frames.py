@@ -9,7 +9,7 @@ import numpy as np
 from brax.envs.base import Env
 from matplotlib import font_manager
 from matplotlib.colors import to_rgb
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFont, ImageOps
 
 from hitmdp_jax.envs.drawing import model_of
 from hitmdp_jax.envs.spec import spec_of
@@ -75,6 +75,13 @@ class Scene:
         """Yield a frame [height, width, 3] of every so many steps."""
         for step in range(0, self.length, every):
             yield self.frame(painter.paint(*self.shown(step)), step)
+
+    def bodies(self, painter: Painter | OwnPictures, every: int = 1) -> Iterator[np.ndarray]:
+        """Yield every so many steps the body alone, in a border of its option's colour."""
+        assert self.option is not None
+        for step in range(0, self.length, every):
+            body = Image.fromarray(painter.paint(*self.shown(step)))
+            yield np.asarray(ImageOps.expand(body, BORDER, option_color(self.option[step])))
 
     def frame(self, body: np.ndarray, step: int) -> np.ndarray:
         """Return the frame of a step around the picture of its body."""

@@ -12,6 +12,7 @@ from tests.cli.conftest import QUICK
 SECTIONS = (
     "In short",
     "Video",
+    "Each option alone",
     "What was run",
     "What it learned",
     "Options while it learned",
@@ -135,6 +136,16 @@ def test_a_browser_shows_every_figure(page, width):
         below, at = chrome.execute_script(clicked)
         assert below == pytest.approx(76, abs=1)
         assert at == pytest.approx(0.5, abs=0.02)
+        in_step = """
+            const clips = [...document.querySelectorAll('.clips video')];
+            const times = clips.map((clip) => clip.currentTime);
+            return [clips.length, Math.max(...times) - Math.min(...times) < 0.5,
+                    clips.every((clip) => !clip.paused), clips.some((clip) => clip.controls)]"""
+        wait_until(lambda: chrome.execute_script(in_step)[2])
+        assert chrome.execute_script(in_step) == [4, True, True, False]
+        chrome.execute_script("document.querySelector('.clips + script + button').click()")
+        stopped = "return [...document.querySelectorAll('.clips video')].every((x) => x.paused)"
+        assert chrome.execute_script(stopped)
         moved = """
             const shown = () => JSON.stringify(
               document.getElementById('explorer-chart').data.map((line) => line.y));

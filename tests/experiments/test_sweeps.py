@@ -15,6 +15,7 @@ from hitmdp_jax.report.run_report import RunReport
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.sinks import CsvSink
 from hitmdp_jax.runs.sinks.terminal import TerminalSink
+from tests.report.shown import shown
 
 CONFIG = RunConfig(
     algo={"name": "ppo"}, seeds=2, sweep={"algo.gamma": [0.9, 0.95, 0.99]}, total_steps=3 * 2048
@@ -55,7 +56,7 @@ def told_by_a_final_return(run_dir):
 
 
 def told_by_the_report(run_dir):
-    return "".join(RunReport(run_dir, TWO, "", 0, None, None).summary())
+    return "".join(RunReport(run_dir, TWO, "", 0, shown()).summary())
 
 
 def told_by_a_comparison(run_dir):

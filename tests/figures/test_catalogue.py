@@ -129,6 +129,23 @@ def test_a_film_stands_over_the_steps_that_it_shows():
     assert [line.get_xdata()[0] for line in lanes.lines] == [1, 5]
 
 
+def test_a_pose_has_the_colour_of_its_option_and_says_when_it_was():
+    known = copy.copy(analysis_of_embeddings())
+    states = known.states
+    known.__dict__["typical"] = {4: 9, 1: 0}
+    pictures = {4: np.zeros((3, 4, 3)), 1: np.ones((3, 4, 3))}
+    figure = find("poses").draw(known, pictures)
+    for axes, (k, i) in zip(figure.axes, known.typical.items(), strict=False):
+        assert {to_hex(spine.get_edgecolor()) for spine in axes.spines.values()} == {
+            option_color(k)
+        }
+        assert axes.get_title() == f"option {k}\n{known.usage[k]:.0%} of steps"
+        assert axes.get_xlabel() == f"episode {states.episode[i] + 1}, step {states.step[i]}"
+        np.testing.assert_array_equal(axes.images[0].get_array(), pictures[k])
+    with pytest.raises(UsageError, match="typical states cannot be drawn"):
+        find("poses").draw(known, {})
+
+
 def run_of(num_options, title):
     steps = 2048 * np.arange(1, 31)[None]
     metrics = {"env_steps": steps, "episode_return": steps}

@@ -5,6 +5,7 @@ from hitmdp_jax.figures import catalogue, registry
 from hitmdp_jax.figures.registry import Section
 from hitmdp_jax.report.run_report import RunReport
 from tests.interpret.analyses import analysis_of_embeddings
+from tests.report.shown import shown
 
 NEW = '''"""A line through nothing."""
 
@@ -26,7 +27,7 @@ def test_a_new_figure_is_one_new_file(tmp_path, monkeypatch):
     monkeypatch.setattr(catalogue, "__path__", [*catalogue.__path__, str(tmp_path)])
     assert registry.summaries()["lines"] == "A line through nothing."
     assert registry.find("lines").title == "A new figure"
-    page = RunReport(tmp_path, None, "", 0, analysis_of_embeddings, print)  # type: ignore
+    page = RunReport(tmp_path, None, "", 0, shown(analysis_of_embeddings()))  # type: ignore
     assert "<h3>A new figure</h3>" in list(page.options(Section.STATES))
 
 

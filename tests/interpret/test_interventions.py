@@ -55,6 +55,27 @@ def test_each_intervention_earns_what_its_options_do_and_the_summary_says_so(key
     np.testing.assert_array_equal(found.lengths, np.full((8, 5), STEPS))
 
 
+class Drawn(Payment):
+    """The task, which draws itself, so that its whole states are recorded."""
+
+    def draw(self, state):
+        raise NotImplementedError
+
+
+def test_of_each_option_alone_the_first_episode_is_kept_for_pictures(key):
+    own = jax.device_get(run_episodes(obvious(), Drawn(), key, 5))
+    found = intervene(obvious(), Drawn(), key, own, physics=True)
+    assert found.alone is not None
+    assert found.alone.option.shape == (3, STEPS, 1)
+    for k, option in enumerate(found.alone.option):
+        assert set(option.ravel().tolist()) == {k}
+    np.testing.assert_array_equal(found.alone.reward.sum((1, 2)), found.returns[-3:, 0])
+    np.testing.assert_array_equal(found.alone.state.obs, found.alone.obs)
+    for obs in found.alone.obs:
+        np.testing.assert_array_equal(obs[0, 0], own.obs[0, 0])  # all begin in one state
+    assert intervene(obvious(), Drawn(), key, own).alone is None
+
+
 @given(episodes, padding, st.integers(0, 99))
 def test_shuffling_keeps_each_episodes_activations(episodes, padding, seed):
     option, alive = pad(episodes, padding)

@@ -9,6 +9,7 @@ from hitmdp_jax.interpret.visited_states import (
     attention,
     cosine_similarities,
     terminations,
+    typical,
     visited,
 )
 from hitmdp_jax.learning.normalization import initial_statistics
@@ -22,6 +23,8 @@ STATES = States(
     np.random.default_rng(0).normal(size=(7, 5)).astype(np.float32),
     np.zeros(7, int),
     np.arange(7) % 3,
+    np.arange(7),
+    np.zeros(7, int),
 )
 
 
@@ -45,7 +48,8 @@ def test_all_steps_of_all_episodes_are_visited():
     expected = [(t, n) for n, length in enumerate(LENGTHS) for t in range(length)]
     found = visited(episodes)
     assert len(found.obs) == len(expected)
-    for obs, option, previous, (t, n) in zip(*found, expected, strict=True):
+    for obs, option, previous, step, episode, (t, n) in zip(*found, expected, strict=True):
+        assert (step, episode) == (t, n)
         np.testing.assert_array_equal(obs, episodes.obs[t, n])
         assert option == episodes.option[t, n]
         assert previous == episodes.option[max(t - 1, 0), n]
@@ -95,6 +99,17 @@ def test_what_an_agent_lacks_is_none(key):
         assert attention(Policy(agent, (), initial_statistics(5)), STATES) is None
     for agent in (PPO(**SMALL), MOPG(**SMALL)):
         assert terminations(Policy(agent, (), initial_statistics(5)), STATES) is None
+
+
+def test_a_typical_state_is_where_an_options_states_lie_most_densely():
+    """Neither the mean, 5 and 105, nor the state in the middle of all is."""
+    dense = np.array([0.0, 0.2, 0.3, 0.4])
+    points = np.concatenate([dense, np.linspace(4.0, 16.0, 17)])[:, None]
+    option = np.zeros(len(points), int)
+    assert typical(points, option) == {0: 1}  # the nearest three beside it are 0.2 away
+    both = np.concatenate([points + 100.0, points])
+    assert typical(both, np.repeat([3, 0], len(points))) == {0: len(points) + 1, 3: 1}
+    assert typical(points[:1], np.array([7])) == {7: 0}
 
 
 def test_cosines_of_rows():

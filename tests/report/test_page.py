@@ -1,12 +1,17 @@
+import base64
 import copy
 import dataclasses
 import html
+import io
 import re
 from html.parser import HTMLParser
+from urllib.parse import unquote
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 from plotly.offline import get_plotlyjs
 
 from hitmdp_jax.cli.settings import Settings
@@ -17,10 +22,11 @@ from hitmdp_jax.figures.embeddings import limit_of_changes
 from hitmdp_jax.interpret.interventions import alike
 from hitmdp_jax.interpret.verdict import episodes_needed, verdict
 from hitmdp_jax.report.interactive import explorer
-from hitmdp_jax.report.page import drawing, packed
+from hitmdp_jax.report.page import DPI, PLAIN, drawing, packed
 from hitmdp_jax.report.run_report import RunReport
 from hitmdp_jax.runs.sinks import CsvSink
 from tests.interpret.analyses import analysis_of_embeddings
+from tests.report.shown import shown
 
 
 def page_of(folder, num_options, seeds):
@@ -34,12 +40,8 @@ def page_of(folder, num_options, seeds):
     sink.write(1, 2048, metrics)
     sink.close()
 
-    def video(path):
-        raise UsageError("no luck.")
-
-    content = RunReport(
-        folder, config, "python train.py", 0, lambda: analysis_of_embeddings(num_options), video
-    ).html()
+    known = shown(analysis_of_embeddings(num_options))
+    content = RunReport(folder, config, "python train.py", 0, known).html()
     return re.sub(r"<script.*?</script>", "", content, flags=re.DOTALL)
 
 
@@ -56,9 +58,11 @@ def test_of_a_single_option_is_shown_what_it_has_to_show(tmp_path):
         "When each option acts", "Which options are active",
         "What an embedding means", "Embeddings W and their cosine similarities",
         "What a dimension does to the actions",
-        "Where each option acts", "Visited states in two dimensions", "Settings", "Left out",
+        "Where each option acts", "A typical pose of each option",
+        "Visited states in two dimensions", "Settings", "Left out",
     ]  # fmt: skip
-    assert "<li>Do the options differ, and do they matter?: The policy has one option.</li>" in page
+    without = "Each option alone; Do the options differ, and do they matter?"
+    assert f"<li>{without}: The policy has one option.</li>" in page
     assert "<li>Video: no luck.</li>" in page
     assert "<p>Return of all 2,048 steps: 7.00.</p>" in page
     assert "Everything about options" not in page
@@ -86,6 +90,24 @@ def test_several_options_and_seeds_have_the_rest(tmp_path):
     assert "7.00 (interquartile mean of 2 seeds)" in page
 
 
+def test_each_option_alone_has_a_clip_the_eight_used_most(tmp_path):
+    """What a clip shows, its colour and its caption are of one option, in the options' order."""
+    known = analysis_of_embeddings(9)
+    clips, explained = RunReport(tmp_path, None, "", 0, shown(known)).alone()
+    least = known.by_usage[-1]
+    options = [k for k in range(9) if k != least]
+    films = re.findall('base64,([^"]*)', clips)
+    assert [base64.b64decode(film).decode() for film in films] == [f"clip {k}" for k in options]
+    captions = re.findall("<figcaption>(.*?)</figcaption>", clips)
+    assert captions == re.findall('aria-label="(.*?)"', clips)
+    for k, caption in zip(options, captions, strict=True):
+        said, value = caption.rsplit(" ", 1)
+        assert said == f"Option {k} alone, from the same state: return"
+        alone = dict(zip(known.interventions.names, known.interventions.returns[:, 0], strict=True))
+        assert float(value) == pytest.approx(alone[f"option {k}"], rel=0.01)
+    assert "all clips begin in one state" in explained
+
+
 def test_of_a_task_with_a_goal_the_page_says_how_many_episodes_reached_it(tmp_path):
     config = Settings(["env=maze/point_umaze", "seeds=2"]).config()
     sink = CsvSink(tmp_path, config.trainings)
@@ -93,7 +115,7 @@ def test_of_a_task_with_a_goal_the_page_says_how_many_episodes_reached_it(tmp_pa
     for iteration, success in ((1, [1.0, 0.0]), (2, [1.0, 1.0])):
         sink.write(iteration, 2048 * iteration, ended | {"success": np.array(success)})
     sink.close()
-    _, reached, *_ = RunReport(tmp_path, config, "", 0, analysis_of_embeddings, None).verdict()
+    _, reached, *_ = RunReport(tmp_path, config, "", 0, shown(analysis_of_embeddings())).verdict()
     assert reached == "<p>Of the episodes in those steps, 75% reached the goal.</p>"
 
 
@@ -104,7 +126,7 @@ def test_the_verdict_leaves_the_letters_of_a_settings_name_as_they_are(tmp_path)
     names = ("episode_return", "episodes", "steps_per_second")
     sink.write(1, 2048, {name: np.array([1.0, 2.0]) for name in names})
     sink.close()
-    first, *_ = RunReport(tmp_path, config, "", 0, analysis_of_embeddings, None).verdict()
+    first, *_ = RunReport(tmp_path, config, "", 0, shown(analysis_of_embeddings())).verdict()
     assert first.startswith("<p>Return of all 2,048 steps, of the best setting, ownRate=0.99: ")
 
 
@@ -117,7 +139,7 @@ def test_of_a_transfer_the_page_names_the_task_on_which_options_are_shown(tmp_pa
         sink = CsvSink(folder, config.trainings)
         sink.write(iteration, iteration * 2048, dict.fromkeys(names, np.ones(1)))
         sink.close()
-        told = RunReport(folder, config, "", 0, lambda: None, lambda path: None).subtitle
+        told = RunReport(folder, config, "", 0, shown()).subtitle
         assert told.endswith(f"describes seed 0 on dmc/{task}.")
 
 
@@ -133,11 +155,33 @@ def test_a_drawing_is_a_picture_of_its_own_and_the_same_every_time():
     figure.suptitle("<script>alert(1)</script>")
     parts = {drawing(figure, '"><script>') for _ in range(2)}
     assert len(parts) == 1
-    assert re.fullmatch(
+    safe = re.escape(PLAIN)
+    found = re.fullmatch(
         r'<img class="drawing" alt="&#34;&gt;&lt;script&gt;" '
-        r'src="data:image/svg\+xml;base64,[\w+/=]+">',
+        rf'src="data:image/svg\+xml,((?:[\w{safe}]|%[0-9A-F]{{2}})+)">',
         parts.pop(),
     )
+    assert found
+    ElementTree.fromstring(unquote(found[1]))  # which is whole
+
+
+def test_what_a_drawing_holds_as_pixels_is_lighter_and_the_same():
+    figure = Figure(figsize=(3, 2), dpi=DPI)
+    axes = figure.add_axes((0, 0, 1, 1))
+    points = np.random.default_rng(0).random((2, 400))
+    axes.scatter(*points, c=points[0], rasterized=True)
+    axes.set_axis_off()
+    file = io.BytesIO()
+    figure.savefig(file, format="svg", dpi=DPI)
+    (png,) = re.findall('image/png;base64,([^"]*)', file.getvalue().decode())
+    part = unquote(drawing(figure, ""))
+    assert "image/png" not in part
+    (webp,) = re.findall('image/webp;base64,([^"]*)', part)
+    assert len(webp) < 0.9 * len(png)
+    before, after = (Image.open(io.BytesIO(base64.b64decode(x))) for x in (png, webp))
+    seen = np.asarray(before)[..., 3] > 0
+    assert after.size == before.size
+    np.testing.assert_array_equal(np.asarray(before)[seen], np.asarray(after.convert("RGBA"))[seen])
 
 
 class Tags(HTMLParser):
@@ -185,7 +229,7 @@ def pages_of_a_stranger(folder, name):
     def video(_):
         raise UsageError(name)
 
-    yield RunReport(folder, config, name, 0, lambda: known, video).html()
+    yield RunReport(folder, config, name, 0, shown(known, video)).html()
     yield comparison_page({name: (folder, config)}, {name: name}, {name: video})
 
 

@@ -9,7 +9,7 @@ from PIL import Image
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.figures.style import option_color
 from hitmdp_jax.video import film
-from hitmdp_jax.video.film import animated, timing, write_video
+from hitmdp_jax.video.film import animated, timing, write_clips, write_video
 from hitmdp_jax.video.frames import BORDER, FOOTER, HEADER
 from tests.video.conftest import OPTIONS
 
@@ -104,6 +104,22 @@ def test_frames_stand_row_by_row_and_what_is_left_over_is_white():
     assert whole.shape == (4, 8, 3)
     assert whole[::2, ::4, 0].tolist() == [[1, 2], [3, 255]]
     assert film.grid([picture(5)], 1).tolist() == picture(5).tolist()
+
+
+def test_clips_are_of_one_length_and_have_the_colour_of_their_option(tmp_path, env, recorded):
+    """Ten steps of 0.04 s and four: every third is a frame, and the shorter one stands still."""
+    alone = [recorded.replace(option=np.full_like(recorded.option, k)) for k in (2, 5)]
+    alone[1] = alone[1].replace(alive=recorded.alive & (np.arange(10) < 4)[:, None])
+    paths = [tmp_path / "a.mp4", tmp_path / "b.mp4"]
+    write_clips(paths, env, alone, size=SIZE)
+    for path, k in zip(paths, (2, 5), strict=True):
+        frames, about = read(path)
+        assert about["fps"] == pytest.approx(1 / 0.12, abs=0.01)  # at most ten
+        assert frames.shape == (4, 64 + 2 * BORDER, 96 + 2 * BORDER, 3)
+        np.testing.assert_allclose(frames[:, 40, 3], [rgb(k)] * 4, atol=25)
+    moved = [np.abs(np.diff(read(path)[0].astype(int), axis=0)).max((1, 2, 3)) for path in paths]
+    assert (moved[0] > 50).all()
+    assert (moved[1] > 50).tolist() == [True, False, False]
 
 
 def test_a_video_of_several_shows_each_in_its_place(tmp_path, env, recorded):

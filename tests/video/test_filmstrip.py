@@ -1,6 +1,10 @@
+from types import SimpleNamespace
+
 import numpy as np
 
-from hitmdp_jax.video.filmstrip import evenly, filmstrip
+from hitmdp_jax.interpret.visited_states import visited
+from hitmdp_jax.video.filmstrip import THUMBNAIL, evenly, filmstrip, poses
+from hitmdp_jax.video.pictures import painter_of
 
 
 def test_pictures_are_spread_evenly():
@@ -29,3 +33,16 @@ def test_a_filmstrip_without_options_is_of_the_whole_episode(env, recorded):
     times = [float(axes.get_xlabel().split()[0]) for axes in figure.axes]
     assert len(times) == 8
     assert (times[0], times[-1]) == (0.0, 0.36)
+
+
+def test_poses_are_pictures_of_the_typical_states(env, recorded):
+    """Of option 2 the fifth step, of 3 the second one of the other episode."""
+    analysis = SimpleNamespace(
+        env=env, trajectories=recorded, states=visited(recorded), typical={2: 4, 3: 11}
+    )
+    found = poses(analysis)  # type: ignore
+    with painter_of(env, THUMBNAIL) as painter:
+        wanted = {2: painter.paint([-0.1, 0.0], [1, 1]), 3: painter.paint([-0.7, 0.0], [1, 1])}
+    assert found.keys() == wanted.keys()
+    for k, picture in wanted.items():
+        np.testing.assert_array_equal(found[k], picture)
