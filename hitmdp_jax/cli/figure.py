@@ -28,6 +28,7 @@ from hitmdp_jax.interpret.evaluation import check_episodes, task_env
 from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, table
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.interpret.option_use import number_of_options
+from hitmdp_jax.interpret.summary import Summary, rank
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.folder import FIGURES
 from hitmdp_jax.runs.host import set_up_host, solver_of
@@ -71,6 +72,9 @@ def _check(entry: Entry, arguments: argparse.Namespace) -> None:
         raise UsageError(f"{name} is a figure of {entry.needs.value}: name a RUN_DIR.")
     if entry.needs != Needs.RUNS and number > 1:
         raise UsageError(f"{name} is a figure of {entry.needs.value}: name one RUN_DIR.")
+    everyone = entry.needs in (Needs.TRAININGS, Needs.SETTINGS)
+    if everyone and arguments.seed is not None:
+        raise UsageError(f"--seed has no effect: {name} shows all seeds.")
     if entry.needs not in (Needs.EPISODES, *PICTURES):
         for flag in ("setting", "checkpoint", "task", "episodes", "env"):
             if getattr(arguments, flag) is not None:
@@ -85,6 +89,8 @@ def _drawn(entry: Entry, arguments: argparse.Namespace) -> Figure:
             raise out_of_domain("seed", seed, "a whole number from 0 to 4294967295")
         with jax.enable_x64(True):
             return entry.draw(theorems.sample_models(jax.random.key(seed)))
+    if entry.needs in (Needs.TRAININGS, Needs.SETTINGS):
+        return entry.draw(_of_all_trainings(entry.needs, arguments))
     if entry.needs in (Needs.METRICS, Needs.RUNS):
         runs = metrics_of(arguments)
         return entry.draw(runs if entry.needs == Needs.RUNS else runs[0])
@@ -114,6 +120,26 @@ def analysis_of(arguments: argparse.Namespace) -> OptionAnalysis:
     choice = load_chosen(arguments, config, shown)
     env = task_env(choice.task, shown.physics)
     return OptionAnalysis(choice.policy, env, evaluation_key(choice.training), episodes)
+
+
+def _of_all_trainings(
+    needs: Needs, arguments: argparse.Namespace
+) -> RunMetrics | Mapping[str, Summary]:
+    """Return a run's metrics, or the settings of a sweep, the best first.
+
+    Raises:
+      UsageError: the run sweeps nothing, or has no iteration yet.
+    """
+    (run_dir,) = arguments.run_dirs
+    config = RunConfig.load(run_dir, arguments.trust)
+    metrics = read_metrics(run_dir, len(config.trainings))
+    if not metrics:
+        raise UsageError(f"The run {config.title} has no iteration yet.")
+    if needs == Needs.TRAININGS:
+        return RunMetrics(config.title, metrics, config.algo["name"], config.switch_at)
+    if not config.sweep:
+        raise UsageError(f"The run {config.title} sweeps nothing.")
+    return rank(config, metrics)
 
 
 def metrics_of(arguments: argparse.Namespace) -> list[RunMetrics]:

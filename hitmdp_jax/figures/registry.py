@@ -26,6 +26,8 @@ class Needs(enum.Enum):
     """What a figure is drawn from, and so the argument of its `draw`."""
 
     METRICS = "a run"  # RunMetrics
+    TRAININGS = "all seeds of a run"  # RunMetrics
+    SETTINGS = "a sweep"  # name -> Summary, as `interpret.summary.rank` gives them
     RUNS = "several runs"  # Sequence[RunMetrics]
     EPISODES = "recorded episodes"  # OptionAnalysis
     PICTURES = "recorded episodes and pictures of the first"  # OptionAnalysis, step -> picture
@@ -36,6 +38,7 @@ class Needs(enum.Enum):
 class Section(enum.Enum):
     """A section of a run's page, in the order of the page."""
 
+    LEARNING = "What it learned"
     TRAINING = "Options while it learned"
     TIMES = "When each option acts"
     DIFFERENCES = "Do the options differ, and do they matter?"

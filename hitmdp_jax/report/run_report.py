@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from markupsafe import Markup
 
 from hitmdp_jax import plugins
 from hitmdp_jax.errors import UsageError
@@ -90,7 +91,9 @@ class RunReport:
     def html(self) -> str:
         """Return the page."""
         of_options = {
-            section.value: functools.partial(self.options, section) for section in registry.Section
+            section.value: functools.partial(self.options, section)
+            for section in registry.Section
+            if section != registry.Section.LEARNING
         }
         alone = {"Each option alone": self.alone}
         if "num_options" not in self.config.algo:
@@ -238,6 +241,7 @@ class RunReport:
         curves = learning_curves(runs, looks, dict.fromkeys(runs, config.switch_at))
         yield chart(curves, "Return of every seed while it learned")
         yield text("Thin lines are seeds, over the last 20 iterations each; the policy samples.")
+        yield from self._figures(registry.Section.LEARNING)[0]
 
     def options(self, section: registry.Section) -> Parts:
         """Draw the catalogue's figures of a section, then what else is said there.
@@ -245,8 +249,17 @@ class RunReport:
         Raises:
           UsageError: none of them can be drawn, saying why the first cannot.
         """
+        drawn, reasons = self._figures(section)
+        if not drawn:
+            raise reasons[0]
+        yield from drawn
+        if section in BESIDE:
+            yield from BESIDE[section](self.analysis)
+
+    def _figures(self, section: registry.Section) -> tuple[list[Markup], list[UsageError]]:
+        """Return the catalogue's figures of a section, and why others cannot be drawn."""
+        drawn: list[Markup] = []
         reasons: list[UsageError] = []
-        drawn = 0
         for entry in registry.entries().values():
             if entry.section != section:
                 continue
@@ -255,20 +268,20 @@ class RunReport:
             except UsageError as reason:
                 reasons.append(reason)
                 continue
-            drawn += 1
-            yield heading(entry.title)
-            if entry.caption:
-                yield text(entry.caption)
-            yield drawing(figure, entry.title)
-        if not drawn:
-            raise reasons[0]
-        if section in BESIDE:
-            yield from BESIDE[section](self.analysis)
+            caption = [text(entry.caption)] if entry.caption else []
+            drawn += [heading(entry.title), *caption, drawing(figure, entry.title)]
+        return drawn, reasons
 
     def _needed(self, needs: Needs) -> tuple[Any, ...]:
         """Return the arguments of a figure's `draw`."""
         if needs == Needs.METRICS:
             return (self.of_training,)
+        if needs == Needs.TRAININGS:
+            return (self.of_training._replace(metrics=self.best[1]),)
+        if needs == Needs.SETTINGS:
+            if not self.config.sweep:
+                raise UsageError("The run sweeps nothing.")
+            return (rank(self.config, self.metrics),)
         return self.analysis, *([self.shown.poses()] if needs == Needs.POSES else [])
 
     def film(self) -> Parts:

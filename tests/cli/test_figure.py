@@ -12,6 +12,7 @@ from hitmdp_jax.video import pictures
 from tests.cli.conftest import QUICK
 
 OF_MODELS = ("contraction", "variance")  # which are drawn of no run
+OF_OTHERS = (*OF_MODELS, "regained", "sweep")  # and those of a run whose options they do not show
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +84,7 @@ def without_options(command, tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("name", [name for name in summaries() if name not in OF_MODELS])
+@pytest.mark.parametrize("name", [name for name in summaries() if name not in OF_OTHERS])
 def test_a_run_without_options_is_refused(command, without_options, name):
     result = command("figure", name, without_options)
     assert result.returncode == 2
@@ -99,6 +100,9 @@ def test_a_run_without_options_is_refused(command, without_options, name):
         (["figure7", "{run}", "--seed", "9"], "seed = 9 is not in the run, which holds 3 to 4."),
         (["figure6", "{run}", "--seed", "9"], "seed = 9 is not in the run, which holds 3 to 4."),
         (["figure7", "{run}", "--checkpoint", "7"], "holds no checkpoint 7; it holds 4"),
+        (["sweep", "{run}"], "The run mopg on invertedpendulum sweeps nothing."),
+        (["regained", "{run}"], "mopg on invertedpendulum has not switched to a second task."),
+        (["regained", "{run}", "--seed", "4"], "--seed has no effect: regained shows all seeds."),
         (["terminations", "{run}"], "MOPG has no termination functions to draw."),
     ],
 )

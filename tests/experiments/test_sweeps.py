@@ -9,7 +9,8 @@ from rich.console import Console
 
 from hitmdp_jax.cli.jobs import final_return
 from hitmdp_jax.experiments.pages import comparison_page
-from hitmdp_jax.experiments.sweeps import draw_sweep, sweep_figure
+from hitmdp_jax.experiments.sweeps import draw_sweep
+from hitmdp_jax.figures.sweeps import ranking
 from hitmdp_jax.interpret.summary import Summary
 from hitmdp_jax.report.run_report import RunReport
 from hitmdp_jax.runs.config import RunConfig
@@ -41,7 +42,7 @@ def test_a_run_is_told_by_its_files(tmp_path):
 def test_the_figure_shows_every_setting():
     columns = {"env_steps": np.full(2, 6144.0), "last_100k_steps": np.array([5.0, 7.0])}
     settings = {"gamma=0.95": Summary(CONFIG, columns), "gamma=0.9": Summary(CONFIG, columns)}
-    (axes,) = sweep_figure(settings, "a sweep", "mopg").axes
+    (axes,) = ranking(settings, "a sweep", "mopg").axes
     assert axes.get_xlabel().startswith("return of all 6,144 steps: each of 2 seeds")
     assert [x.get_text() for x in axes.get_yticklabels()] == ["gamma=0.95", "gamma=0.9"]
     np.testing.assert_array_equal(axes.lines[0].get_xdata(), [5.0, 7.0])

@@ -11,11 +11,11 @@ from matplotlib.text import Text
 
 from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.experiments.sweeps import sweep_figure
 from hitmdp_jax.figures.curves import learning_curve
 from hitmdp_jax.figures.embeddings import limit_of_changes
 from hitmdp_jax.figures.registry import Needs, RunMetrics, entries, find
 from hitmdp_jax.figures.style import option_color
+from hitmdp_jax.figures.sweeps import ranking
 from hitmdp_jax.interpret.perturbation import strongest
 from hitmdp_jax.interpret.summary import Summary
 from hitmdp_jax.runs.config import RunConfig
@@ -174,6 +174,83 @@ def test_runs_without_durations_say_so(run, sentence):
             find(name).draw(needed)
 
 
+def transfer(first, second, switch_at=5 * 2048):
+    """A run of two seeds that returns `first` [2] on one task, then `second` [n, 2] on another."""
+    returns = np.concatenate([np.tile(first, (5, 1)), second]).T
+    steps = 2048 * np.tile(np.arange(1, 1 + returns.shape[1]), (2, 1))
+    metrics = {"env_steps": steps, "episode_return": returns, "episodes": np.ones(steps.shape)}
+    return RunMetrics("a", metrics | {"seed": steps * 0 + [[3], [4]]}, "mopg", switch_at)
+
+
+def test_what_is_regained_is_a_share_of_each_trainings_own_return():
+    """The means so far of 20, 100, 120 are 20, 60, 80; those of 10, 10, 160 are 10, 10, 60."""
+    run = transfer([100.0, 400.0], [[20.0, 10.0], [100.0, 10.0], [120.0, 160.0]])
+    above, below = find("regained").draw(run).axes
+    curves = [line.get_xydata() for line in above.lines if len(line.get_xdata()) == 3]
+    np.testing.assert_allclose(curves[0], [[2048, 0.2], [4096, 0.6], [6144, 0.8]])
+    np.testing.assert_allclose(curves[1][:, 1], [0.025, 0.025, 0.15])
+    assert [label.get_text() for label in below.get_yticklabels()] == ["seed 3", "seed 4"]
+    told = [(text.get_text(), text.xy[1]) for text in below.texts]  # type: ignore
+    assert told == [("4,096 steps", 0), ("not in 6,144 steps", 1)]
+
+
+@pytest.mark.parametrize(
+    ("run", "sentence"),
+    [
+        (transfer([1.0, 1.0], [[1.0, 1.0]], None), "a has not switched to a second task"),
+        (transfer([1.0, 1.0], np.ones((0, 2))), "a has not switched to a second task"),
+        (transfer([1.0, -1.0], [[1.0, 1.0]]), "A return before the switch is not positive"),
+    ],
+)
+def test_without_a_return_before_a_switch_nothing_is_regained(run, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        find("regained").draw(run)
+
+
+def sweep_of(axes, returns, **more):
+    """A sweep's settings by name, the last one first, and its settings return what is said."""
+    config = RunConfig(algo={"name": "mopg"}, env={"name": "hopper"}, sweep=axes, **more)
+    settings = {}
+    for number in reversed(range(len(config.settings))):
+        own = np.full(2, returns[number])
+        columns = {"env_steps": np.full(2, 2048), "last_100k_steps": own}
+        settings[f"setting {number}"] = Summary(config, columns | {"setting": np.full(2, number)})
+    return settings
+
+
+def test_a_sweep_of_two_axes_is_a_heat_map():
+    axes = {"algo.gamma": [0.99, 0.9], "env.friction": [1.0, 2.0, 3.0]}
+    figure = find("sweep").draw(sweep_of(axes, [1.0, 2.0, 3.0, 4.0, 5.0, np.nan]))
+    shown, bar = figure.axes
+    wanted = [[4.0, 5.0, np.nan], [1.0, 2.0, 3.0]]  # the lower gamma in the first row
+    np.testing.assert_array_equal(np.ma.filled(shown.images[0].get_array(), np.nan), wanted)
+    assert [label.get_text() for label in shown.get_yticklabels()] == ["0.9", "0.99"]
+    assert [label.get_text() for label in shown.get_xticklabels()] == ["1", "2", "3"]
+    assert (shown.get_ylabel(), shown.get_xlabel()) == ("gamma", "env.friction")
+    assert [text.get_text() for text in shown.texts] == [
+        "4.00",
+        "5.00",
+        "-",
+        "1.00",
+        "2.00",
+        "3.00",
+    ]
+    assert bar.get_ylabel() == "return of all 2,048 steps,\nIQM of 2 seeds"
+
+
+def test_a_sweep_of_one_axis_is_a_line_in_the_order_of_its_values():
+    (axes,) = find("sweep").draw(sweep_of({"algo.gamma": [0.99, 0.9, 1.0]}, [7.0, 5.0, 6.0])).axes
+    np.testing.assert_array_equal(axes.lines[0].get_xydata(), [[0, 5], [1, 7], [2, 6]])
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["0.9", "0.99", "1"]
+    assert "interval" not in axes.get_ylabel()  # of two seeds none is known
+
+
+def test_settings_drawn_at_random_are_ranked():
+    axes = {"algo.gamma": {"uniform": [0.9, 0.99]}, "algo.clip_eps": {"uniform": [0.1, 0.3]}}
+    (axes,) = find("sweep").draw(sweep_of(axes, [1.0, 2.0], samples=2)).axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["setting 1", "setting 0"]
+
+
 FORMULA = r"$\frac$ and $x$"  # Matplotlib would read it, and fail
 
 
@@ -197,7 +274,7 @@ NAMED = {
     "learning_curve": lambda: learning_curve(run_of(2, "").metrics, FORMULA, "mopg"),
     "figure6": lambda: find("figure6").draw(run_of(2, FORMULA)),
     "figure8": lambda: find("figure8").draw([run_of(2, FORMULA)]),
-    "sweep": lambda: sweep_figure({FORMULA: one_setting()}, FORMULA, "mopg"),
+    "sweep": lambda: ranking({FORMULA: one_setting()}, FORMULA, "mopg"),
 }
 
 

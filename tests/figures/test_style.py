@@ -11,10 +11,10 @@ from hitmdp_jax.cli.published import read_cells
 from hitmdp_jax.experiments import experiment
 from hitmdp_jax.experiments.results_figure import figure
 from hitmdp_jax.experiments.results_page import shown as shown_of
-from hitmdp_jax.experiments.sweeps import sweep_figure
 from hitmdp_jax.figures import scores
 from hitmdp_jax.figures.curves import learning_curve
 from hitmdp_jax.figures.style import ALGORITHMS, OWN, PALETTE, option_color, shades, styles
+from hitmdp_jax.figures.sweeps import ranking
 from hitmdp_jax.interpret.summary import Summary
 from hitmdp_jax.report.interactive import learning_curves
 from hitmdp_jax.runs.config import RunConfig
@@ -122,7 +122,7 @@ def test_ppo_has_its_colour_in_every_picture():
     assert {line.get_color() for line in axes.lines} == wanted
     columns = {"env_steps": np.ones(2), "last_100k_steps": np.array([1.0, 2.0])}
     setting = Summary(RunConfig(algo={"name": "ppo"}), columns)
-    (axes,) = sweep_figure({"gamma=0.9": setting}, "a sweep", "ppo").axes
+    (axes,) = ranking({"gamma=0.9": setting}, "a sweep", "ppo").axes
     assert {line.get_color() for line in axes.lines} == wanted
     for name in ("table1", "options"):
         read = experiment.read(name)

@@ -130,6 +130,29 @@ def test_the_verdict_leaves_the_letters_of_a_settings_name_as_they_are(tmp_path)
     assert first.startswith("<p>Return of all 2,048 steps, of the best setting, ownRate=0.99: ")
 
 
+LEARNED = {
+    "swept": (["env=hopper", "sweep={algo.gamma:[0.9,0.99]}"], "What the settings return"),
+    "switched": (["experiment=transfer", "pair=cartpole"], "What is regained after the switch"),
+    "neither": (["env=hopper"], None),
+}
+
+
+@pytest.mark.parametrize("name", LEARNED)
+def test_below_its_curves_a_run_has_the_figure_that_fits_it(tmp_path, name):
+    settings, title = LEARNED[name]
+    config = Settings([*settings, "seeds=2"]).config()
+    sink = CsvSink(tmp_path, config.trainings)
+    one = np.ones(len(config.trainings))
+    names = ("episode_return", "episodes", "steps_per_second")
+    last = config.schedule.iterations
+    for iteration in (1, last + 1) if name == "switched" else (1,):
+        sink.write(iteration, 2048 * iteration, dict.fromkeys(names, one))
+    sink.close()
+    parts = [*RunReport(tmp_path, config, "", 0, shown()).learning()]
+    assert [part for part in parts if "<h3>" in part] == [f"<h3>{title}</h3>"] * bool(title)
+    assert ("drawing" in parts[-1]) == bool(title)
+
+
 def test_of_a_transfer_the_page_names_the_task_on_which_options_are_shown(tmp_path):
     config = Settings(["experiment=transfer", "pair=cartpole"]).config()
     names = ("episode_return", "episodes", "steps_per_second")
