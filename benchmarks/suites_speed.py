@@ -134,7 +134,10 @@ def playground(env: Any, num_envs: int) -> Loop:
         state = task.step(state, action)
         return state, (state.reward, state.done, state.obs)
 
-    return Loop(lambda key: task.reset(jax.random.split(key, num_envs)), step)
+    def start(key: jax.Array) -> Any:  # its wrappers count the axes of keys of two numbers
+        return task.reset(jax.random.key_data(jax.random.split(key, num_envs)))
+
+    return Loop(start, step)
 
 
 OWN = {"gymnax": gymnax, "xminigrid": xminigrid, "craftax": craftax, "playground": playground}
