@@ -154,7 +154,6 @@ def random_actions(action: Action, key: jax.Array, num_envs: int) -> jax.Array:
 def rollouts(loop: Loop, action: Action, num_envs: int) -> Callable[[int], None]:
     """Compile a loop, and return what goes on by so many rollouts and waits for them."""
 
-    @jax.jit
     def rollout(state: Any, key: jax.Array, due: jax.Array) -> tuple[Any, Any]:
         def step(state: Any, key: jax.Array) -> tuple[Any, Any]:
             key_action, key_step = jax.random.split(key)
@@ -169,6 +168,8 @@ def rollouts(loop: Loop, action: Action, num_envs: int) -> Callable[[int], None]
 
     keys = iter(jax.random.split(jax.random.key(1), 100_000))
     state = jax.jit(loop.start)(jax.random.key(0))
+    # Once: a call would compile it again for the weaker types of what `start` returns.
+    rollout = jax.jit(rollout).lower(state, next(keys), jnp.array(True)).compile()
 
     def go_on(times: int) -> None:
         nonlocal state
