@@ -51,7 +51,7 @@ def forest(experiments: Mapping[str, Experiment], cells: Cells, arm: str = "mopg
             reach = np.array([[middle - low], [high - middle]])
             panel.errorbar(middle, i, xerr=reach, color=look.color, marker=look.marker, capsize=3)
         panel.set_yticks(range(len(rows)), list(rows))
-        panel.set(xlim=(0.0, 1.0), ylim=(len(rows) - 0.5, -0.5))
+        panel.set(xlim=(-0.02, 1.02), ylim=(len(rows) - 0.5, -0.5))  # all of a point at 0 or 1
         panel.set_title(title, fontsize="medium", loc="left")
         panel.grid(axis="x", alpha=0.3)
     axes[-1].set_xlabel(f"how often {arm} returns more than … (0.5: as often as not)")
