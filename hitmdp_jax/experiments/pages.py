@@ -81,7 +81,7 @@ def comparison_page(
 def published_page(cells: Mapping[str, Mapping[str, Cell]]) -> str:
     """Return the page about everything that is published; args as `results_page.page`."""
     sections = {task: functools.partial(_task, known) for task, known in cells.items() if known}
-    return page("Published results", "every seed of every run in results/", sections)
+    return page("Published results", "every seed of every run in results/", sections, light=True)
 
 
 def _task(cells: Mapping[str, Cell]) -> Parts:

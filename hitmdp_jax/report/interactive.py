@@ -8,8 +8,8 @@ other figure is the same on the page and on paper, and is drawn once, by Matplot
 import html
 import json
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
 
 import numpy as np
 import plotly.graph_objects as go
@@ -20,9 +20,10 @@ from hitmdp_jax.figures.embeddings import embedded, limit_of_changes
 from hitmdp_jax.figures.style import Style, shades
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
 from hitmdp_jax.interpret.perturbation import strongest
-from hitmdp_jax.report.page import templates
+from hitmdp_jax.report.page import packed, templates
 
 POINTS = 400  # of a curve
+PARTS = 1000  # of a chart's height, which is fewer pixels: as finely as this a curve is told
 
 
 def learning_curves(
@@ -93,7 +94,36 @@ def chart(shown: go.Figure, name: str) -> Markup:
       name: what it is called where it cannot be seen.
     """
     figure = json.loads(str(go.Figure(as_text(shown.to_plotly_json())).to_json()))
-    return Markup(templates.get_template("chart.html").render(figure=figure, name=name))
+    del figure["layout"]["template"]["data"]  # the looks of kinds of charts that are not here
+    curves = cast("Sequence[Any]", shown.data)
+    unit = unit_of([curve.y for curve in curves])
+    for told, curve in zip(figure["data"], curves, strict=True):
+        told |= {"x": differences(curve.x, 1), "y": differences(curve.y, unit)}
+    code = packed(json.dumps(figure | {"unit": unit}, separators=(",", ":")))
+    return Markup(templates.get_template("chart.html").render(packed=code, name=name))
+
+
+def unit_of(curves: Sequence[np.ndarray]) -> float:
+    """Return the unit in which curves are told: 1, 2 or 5 of a decimal, a 1000th of their reach."""
+    every = np.concatenate([*curves, [np.nan]])
+    known = every[np.isfinite(every)]
+    reach = float(np.ptp(known) or np.abs(known).max()) if known.size else 0.0
+    finest = (reach or 1.0) / PARTS
+    decimal = 10.0 ** math.floor(math.log10(finest))
+    return decimal * max(digit for digit in (1, 2, 5) if digit * decimal <= finest)
+
+
+def differences(curve: np.ndarray, unit: float) -> list[int | None]:
+    """Return the first point of a curve [n], then what each adds to the known one before it.
+
+    Args:
+      curve: the points; one that is not known is None.
+      unit: of the whole numbers that are returned.
+    """
+    whole = np.round(np.asarray(curve, float) / unit)
+    known = np.isfinite(whole)
+    added = iter(np.diff(whole[known], prepend=0.0).astype(int).tolist())
+    return [next(added) if there else None for there in known]
 
 
 def as_text(part: Any, name: str = "") -> Any:

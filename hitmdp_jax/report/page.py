@@ -4,11 +4,12 @@ import base64
 import dataclasses
 import gzip
 import io
+import json
 import re
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 import jinja2
 from markupsafe import Markup
@@ -21,6 +22,7 @@ from hitmdp_jax.errors import UsageError
 
 FILM = '<video controls aria-label="{}" src="data:video/mp4;base64,{}"></video>'
 DPI = 120  # of what a drawing holds as pixels
+SOURCE = re.compile(r' src="data:image/svg\+xml,([^"]*)"')
 PNG = re.compile('data:image/png;base64,([^"]*)')
 UNSEEN = re.compile("(<!--.*?-->|<metadata>.*?</metadata>|\\s)+", re.DOTALL)  # of a drawing
 PLAIN = " /:=;,.()!?+-_"  # what stands in an address as it is, and is no markup
@@ -46,13 +48,19 @@ class Section:
         return "".join(c if c.isalnum() else "-" for c in self.title.lower()).strip("-")
 
 
-def page(title: str, subtitle: str, sections: Mapping[str, Callable[[], Parts]]) -> str:
+def page(
+    title: str,
+    subtitle: str,
+    sections: Mapping[str, Callable[[], Parts]],
+    light: bool = False,
+) -> str:
     """Return the page [HTML]; a section that cannot be made is left out, and the page says why.
 
     Args:
       title: of the page.
       subtitle: what stands below it.
       sections: title -> what makes its parts; it raises UsageError if it cannot.
+      light: pack all drawings together, as a page of many needs; they are seen by JavaScript only.
     """
     made: list[Section] = []
     left_out: dict[str, list[str]] = {}  # reason -> the sections that it keeps out
@@ -61,19 +69,29 @@ def page(title: str, subtitle: str, sections: Mapping[str, Callable[[], Parts]])
             made.append(Section(name, list(make())))
         except UsageError as reason:
             left_out.setdefault(str(reason), []).append(name)
+    drawings: list[str] = []
+
+    def taken(drawing: re.Match[str]) -> str:
+        drawings.append(unquote(drawing[1]))
+        return ""
+
+    if light:
+        for section in made:
+            section.parts[:] = [Markup(SOURCE.sub(taken, part)) for part in section.parts]
     return templates.get_template("page.html").render(
         title=title,
         subtitle=subtitle,
         sections=made,
+        drawings=packed(json.dumps(drawings)) if drawings else "",
         left_out=left_out,
         plotly=packed(get_plotlyjs()),
     )
 
 
 def packed(code: str) -> str:
-    """Return a script as the page holds it: a third of its length, and no markup [base64].
+    """Return a script or data as the page holds them: a part of the length, no markup [base64].
 
-    The same script is the same text, so that the same page is the same file.
+    The same code is the same text, so that the same page is the same file.
     """
     return base64.b64encode(gzip.compress(code.encode(), mtime=0)).decode()
 

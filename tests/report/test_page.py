@@ -3,6 +3,7 @@ import copy
 import dataclasses
 import html
 import io
+import json
 import re
 from html.parser import HTMLParser
 from urllib.parse import unquote
@@ -17,16 +18,19 @@ from plotly.offline import get_plotlyjs
 from hitmdp_jax.cli.settings import Settings
 from hitmdp_jax.envs.spec import Box, Observation, Spec
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.experiments.pages import comparison_page
+from hitmdp_jax.experiments import published
+from hitmdp_jax.experiments.pages import comparison_page, published_page
 from hitmdp_jax.figures.embeddings import limit_of_changes
+from hitmdp_jax.figures.style import styles
 from hitmdp_jax.interpret.interventions import alike
 from hitmdp_jax.interpret.verdict import episodes_needed, verdict
-from hitmdp_jax.report.interactive import explorer
-from hitmdp_jax.report.page import DPI, PLAIN, drawing, packed
+from hitmdp_jax.report.interactive import chart, differences, explorer, learning_curves, unit_of
+from hitmdp_jax.report.page import DPI, PLAIN, drawing, packed, page
 from hitmdp_jax.report.run_report import RunReport
 from hitmdp_jax.runs.sinks import CsvSink
+from tests.cli.conftest import CHECKOUT
 from tests.interpret.analyses import analysis_of_embeddings
-from tests.report.shown import shown
+from tests.report.shown import charts, drawings, shown
 
 
 def page_of(folder, num_options, seeds):
@@ -207,12 +211,69 @@ def test_what_a_drawing_holds_as_pixels_is_lighter_and_the_same():
     np.testing.assert_array_equal(np.asarray(before)[seen], np.asarray(after.convert("RGBA"))[seen])
 
 
+CURVES = {
+    "long": [-3.0, 1.5, 1e4, 9999.0],
+    "with gaps": [np.nan, 5.0, np.nan, np.nan, -7.0, 2.0],
+    "tiny": [1e-7, 3e-7, 2e-7],
+    "level": [250.0, 250.0],
+    "nothing": [np.nan, np.nan],
+    "zero": [0.0],
+}
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_a_curve_is_told_as_finely_as_it_is_seen(name):
+    curve = np.array(CURVES[name])
+    unit = unit_of([curve])
+    told = differences(curve, unit)
+    assert [there is None for there in told] == np.isnan(curve).tolist()
+    known = curve[np.isfinite(curve)]
+    found = unit * np.cumsum([there for there in told if there is not None])
+    reach = np.ptp(known) if known.size and np.ptp(known) else np.abs(known).max(initial=0.0)
+    np.testing.assert_allclose(found, known, atol=reach / 2000)
+    assert f"{unit:.0e}"[0] in "125"
+
+
+def test_a_chart_holds_its_curves_packed():
+    metrics = {
+        "env_steps": np.array([[2048, 4096, 6144]]), "seed": np.array([[7.0] * 3]),
+        "episode_return": np.array([[np.nan, 10.0, 30.0]]),
+    }  # fmt: skip
+    drawn = learning_curves({"a": metrics}, styles({"a": "ppo"}), {"a": None}, window=1)
+    (found,) = map(json.loads, charts(chart(drawn, "")))
+    (curve,) = found["data"]
+    assert (curve["name"], curve["x"]) == ("a, seed 7", [2048, 2048, 2048])
+    assert curve["y"] == [None, 10 / found["unit"], 20 / found["unit"]]
+
+
+def test_a_light_page_has_all_its_drawings_in_one_packed_text():
+    figures = [Figure(figsize=(1 + i, 1)) for i in range(3)]
+
+    def section(figures):
+        return lambda: iter([drawing(figure, "a") for figure in figures])
+
+    sections = {"first": section(figures[:2]), "second": section(figures[2:])}
+    plain, light = page("", "", sections), page("", "", sections, light=True)
+    whole = [unquote(x) for x in re.findall(r'src="data:image/svg\+xml,([^"]*)"', plain)]
+    assert json.loads(drawings(light)) == whole
+    assert [re.search('width="(.*?)pt"', svg)[1] for svg in whole] == ["72", "144", "216"]
+    assert light.count('<img class="drawing" alt="a">') == 3
+    assert "The pictures of this page need JavaScript" in light
+    assert 'id="drawings"' not in plain
+
+
+@pytest.mark.whole
+def test_the_page_of_everything_published_is_light():
+    cells = {x.name: published.read(x) for x in (CHECKOUT / "results").iterdir() if x.is_dir()}
+    assert len(published_page(cells)) < 3 * 2**20
+
+
 class Tags(HTMLParser):
     """Every start and end of an element, as a browser finds them, and what scripts hold."""
 
     def __init__(self, page):
         super().__init__()
-        self.found, self.scripts = [], []
+        self.found, self.scripts = [], charts(page)
         self.feed(page.replace(packed(get_plotlyjs()), ""))
 
     def handle_starttag(self, tag, attrs):
