@@ -36,7 +36,6 @@ from hitmdp_jax.training.sizes import (
 from hitmdp_jax.training.state import Hyperparameters, TrainState
 from hitmdp_jax.training.sweep import apart
 from hitmdp_jax.training.warm_start import (
-    Learned,
     begun,
     check_parts,
     fit,
@@ -83,12 +82,11 @@ def make_train(
     Raises:
       UsageError: a size, a hyperparameter, or a task or algorithm of your own is not valid.
     """
-    check_hyperparameters(agent)
+    agent = _bound(agent, env)
     check_sizes(agent, num_steps, num_envs, rollout_length)
     for name, size in (("episode_length", episode_length), ("reset_pool_size", reset_pool_size)):
         if size is not None:
             check_size(name, size)
-    agent = _bound(agent, env)
     check_algorithm(agent, num_envs, rollout_length)
     shortest = shortest_episode(env, episode_length)
     pool_size = reset_pool_size or usual_pool_size(num_envs, rollout_length, shortest)
@@ -96,13 +94,17 @@ def make_train(
     iterations = num_iterations(num_steps, num_envs, rollout_length, action_repeat_of(env))
     period = pool_period(rollout_length, shortest)
     program = Program(agent, vector_env, rollout_length, iterations, period)
-    if init_from is not None:
-        program = _beginning_with(program, learned_of(init_from), check_parts(init_parts))
+    program = _beginning_with(program, init_from, init_parts)
     return program.init, program.step
 
 
-def _beginning_with(program: "Program", learned: Learned, parts: Sequence[str]) -> "Program":
+def _beginning_with(
+    program: "Program", init_from: Policy | TrainState | None, init_parts: Sequence[str] | None
+) -> "Program":
     """Return a program that begins with what was learned; say what is new. Raises as `fit`."""
+    if init_from is None:
+        return program
+    learned, parts = learned_of(init_from), check_parts(init_parts)
     state = jax.eval_shape(program.init, jax.random.key(0))
     shapes = {name: jnp.shape(x) for name, x in learned.leaves.items()}
     found = fit(state, learned, shapes, parts)
@@ -207,7 +209,8 @@ class Program:
 
 
 def _bound(agent: Agent, env: Env) -> Agent:
-    """Return the agent for a task that is found to be what it should be."""
+    """Return the agent for a task, both found to be what they should be."""
+    check_hyperparameters(agent)
     task = env.env if isinstance(env, ActionRepeat) else env
     check_task(task, f"env = {env!r}" if isinstance(env, type | str) else type(env).__name__)
     return agent.bind(spec_of(env))
