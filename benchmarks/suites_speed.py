@@ -84,7 +84,8 @@ def craftax(env: Any, num_envs: int) -> Loop:
 
     An environment whose episode has ended takes one that no other takes, while there are any.
     """
-    task, params = env.task, env.params
+    task = env.task
+    params = task.default_params  # whose `done` has the time limit in it
     fresh = max(1, num_envs // WORLD_FOR)
 
     def worlds(key: jax.Array, number: int) -> Any:
@@ -94,8 +95,7 @@ def craftax(env: Any, num_envs: int) -> Loop:
         key_step, key_world = jax.random.split(key)
         each = jax.vmap(task.step_env, (0, 0, 0, None))
         keys = jax.random.split(key_step, num_envs)
-        obs, state, reward, terminated, _ = each(keys, state, action, params)
-        done = terminated | jax.vmap(task.is_truncated, (0, None))(state, params)
+        obs, state, reward, done, _ = each(keys, state, action, params)
         which = (jnp.cumsum(done) - 1) % fresh
 
         def restart(new: jax.Array, running: jax.Array) -> jax.Array:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 from jax.sharding import AxisType
 from jax.sharding import PartitionSpec as P
@@ -35,6 +36,30 @@ def each_device(function: Callable[..., Any], *batches: Any) -> Any:
         function, in_specs=P(DATA), out_specs=P(DATA), axis_names={DATA}, check_vma=False
     )
     return by_device(*batches)
+
+
+def in_chunks(function: Callable[[Any], Any], batch: Any, size: int) -> Any:
+    """Return `jax.vmap(function)(batch)`, computed so many rows at once.
+
+    `jax.lax.map` does the same with its `batch_size`, but fails on arrays without entries, which
+    the states of simulators contain.
+
+    Args:
+      function: maps one row.
+      batch: a pytree of arrays [N, ...], N > 0.
+      size: rows at once; the rest comes last.
+    """
+    rows = len(jax.tree.leaves(batch)[0])
+    size = min(size, rows)
+    whole = rows // size
+    each, even = jax.vmap(function), whole * size
+    chunks = jax.tree.map(lambda x: x[:even].reshape(whole, size, *x.shape[1:]), batch)
+    mapped = jax.lax.map(each, chunks)
+    mapped = jax.tree.map(lambda x: x.reshape(even, *x.shape[2:]), mapped)
+    if even == rows:
+        return mapped
+    rest = each(jax.tree.map(lambda x: x[even:], batch))
+    return jax.tree.map(lambda x, y: jnp.concatenate([x, y]), mapped, rest)
 
 
 def over_data(tree: Any, axis: int) -> Any:

@@ -5,7 +5,7 @@ import pytest
 from jax.sharding import AxisType, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from hitmdp_jax.mesh import DATA, each_device, on_every_device, over_data
+from hitmdp_jax.mesh import DATA, each_device, in_chunks, on_every_device, over_data
 
 
 @pytest.fixture
@@ -59,3 +59,20 @@ def test_an_axis_that_is_spread_by_hand_is_left_alone(mesh):
         mesh=mesh, in_specs=P(DATA), out_specs=P(DATA),
     )  # fmt: skip
     np.testing.assert_array_equal(whole(np.zeros(4)), [2, 2, 2, 2])
+
+
+@pytest.mark.parametrize("size", [1, 3, 6, 7, 9])
+def test_rows_in_chunks_are_those_of_all_at_once(size):
+    """Keys, numbers, and arrays without entries, as the states of simulators have them."""
+    seen = []
+    keys = jax.random.split(jax.random.key(0), 7)
+    batch = {"key": keys, "x": jnp.arange(14.0).reshape(7, 2), "none": jnp.zeros((7, 0, 3))}
+
+    def one(row):
+        seen.append(row["x"].shape)
+        return row | {"drawn": row["x"].sum() + jax.random.normal(row["key"], (2,))}
+
+    every, chunked = jax.vmap(one)(batch), jax.jit(lambda x: in_chunks(one, x, size))(batch)
+    assert set(seen) == {(2,)}
+    np.testing.assert_array_equal(*(jax.random.key_data(x.pop("key")) for x in (every, chunked)))
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-6), every, chunked)

@@ -12,7 +12,7 @@ from hitmdp_jax.envs.action_repeat import steps_taken
 from hitmdp_jax.envs.numbers import with_numbers
 from hitmdp_jax.envs.option_rewards import check_option_rewards, option_rewards
 from hitmdp_jax.envs.spec import spec_of
-from hitmdp_jax.mesh import each_device, on_every_device
+from hitmdp_jax.mesh import each_device, in_chunks, on_every_device
 from hitmdp_jax.precision import as_before, in_32_bits
 
 # Initial states computed together. Hundreds at once can block XLA's threads: see `set_up_host`.
@@ -165,15 +165,7 @@ class VectorEnv:
 
     def _fresh(self, key: jax.Array) -> State:
         def resets(keys: jax.Array) -> State:
-            # Not by `lax.map`'s own `batch_size`, which fails on arrays without entries.
-            chunk = min(RESET_CHUNK, len(keys))
-            whole, reset = len(keys) // chunk, jax.vmap(self.env.reset)
-            chunks = jax.lax.map(reset, keys[: whole * chunk].reshape(whole, chunk))
-            states = jax.tree.map(lambda x: x.reshape(whole * chunk, *x.shape[2:]), chunks)
-            if whole * chunk == len(keys):
-                return states
-            rest = reset(keys[whole * chunk :])
-            return jax.tree.map(lambda x, y: jnp.concatenate([x, y]), states, rest)
+            return in_chunks(self.env.reset, keys, RESET_CHUNK)
 
         pool = each_device(resets, jax.random.split(key, self.pool_size))
         return on_every_device(pool)  # any environment may restart from any of it

@@ -11,7 +11,7 @@ from jax.sharding import PartitionSpec as P
 
 from hitmdp_jax.checks import divisor_below, memory
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.mesh import DATA, TRIAL
+from hitmdp_jax.mesh import DATA, TRIAL, in_chunks
 from hitmdp_jax.metrics import Metrics
 from hitmdp_jax.runs import processes
 from hitmdp_jax.training.program import Init, Iterate
@@ -109,7 +109,7 @@ def spread(init: Init, step: Iterate, mesh: Mesh) -> tuple[Init, Iterate]:
     def steps(states: TrainState) -> tuple[TrainState, Metrics]:
         trainings = len(states.iteration)
         size = chunk_size(trainings) if on_cpu else trainings
-        return jax.lax.map(step, states, batch_size=size)
+        return in_chunks(step, states, size)
 
     if mesh.size == 1:
         return jax.jit(inits), jax.jit(steps)

@@ -145,19 +145,21 @@ class Walk(struct.PyTreeNode):
 
     iteration: jax.Array
     place: jax.Array
+    nothing: jax.Array  # without entries, as the states of some simulators have arrays
 
 
 def walk_on(state):
     key = jax.random.fold_in(jax.random.key(0), state.iteration)
     place = state.place * jax.random.normal(key)
-    return Walk(state.iteration + 1, place), {"place": place}
+    return Walk(state.iteration + 1, place, state.nothing), {"place": place}
 
 
 @pytest.mark.parametrize("seeds", [3, 6])
 def test_trainings_in_chunks_equal_trainings_side_by_side(seeds, monkeypatch):
     """Also of real ones, in a slow case of the test of seeds."""
     mesh, together = make_mesh(seeds), {}
-    begun = place(Walk(np.arange(seeds), np.linspace(1, 2, seeds, dtype=np.float32)), mesh)
+    at = np.linspace(1, 2, seeds, dtype=np.float32)
+    begun = place(Walk(np.arange(seeds), at, np.zeros((seeds, 0, 3))), mesh)
     for size in (8, 1):
         monkeypatch.setattr(devices, "SIDE_BY_SIDE", size)
         together[size] = spread(lambda key, more: begun, walk_on, mesh)[1](begun)
