@@ -33,7 +33,16 @@ def compiled(step: Iterate, state: TrainState) -> Iterate:
         return state.replay, state.replace(replay=())
 
     program = jax.jit(donated, donate_argnums=0).lower(*parts(state)).compile()
-    return lambda state: program(*parts(state))
+    layouts = [x.sharding for x in jax.tree.leaves(state)]
+
+    def iterate(state: TrainState) -> tuple[TrainState, Metrics]:
+        # XLA says of an array without entries that every device has all of it, and then refuses it.
+        leaves, structure = jax.tree.flatten(state)
+        pairs = zip(leaves, layouts, strict=True)
+        same = [x if x.size else jax.device_put(x, layout) for x, layout in pairs]
+        return program(*parts(jax.tree.unflatten(structure, same)))
+
+    return iterate
 
 
 def check_untraced(agent: Agent, env: Any, key: jax.Array) -> None:

@@ -18,6 +18,7 @@ from hitmdp_jax.runs.checkpoint import Progress
 from hitmdp_jax.runs.config import RunConfig
 from hitmdp_jax.runs.devices import chunk_size, make_mesh, memory_of, num_shards, place, spread
 from hitmdp_jax.runs.run import Run
+from hitmdp_jax.training.host_loop import compiled
 from tests.probes import QUICK
 
 # Two trainings, each on two of four devices: what one iteration makes of them, into a file.
@@ -146,6 +147,7 @@ class Walk(struct.PyTreeNode):
     iteration: jax.Array
     place: jax.Array
     nothing: jax.Array  # without entries, as the states of some simulators have arrays
+    replay: tuple = ()
 
 
 def walk_on(state):
@@ -168,6 +170,16 @@ def test_trainings_in_chunks_equal_trainings_side_by_side(seeds, monkeypatch):
     for i, one in enumerate(expected):
         here = jax.tree.map(lambda x, i=i: x[i], together[1])
         jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-6), here, one)
+
+
+def test_a_compiled_iteration_goes_on_with_what_it_returned():
+    """Arrays without entries as well, which XLA lays out as it likes."""
+    mesh = make_mesh(4)
+    begun = place(Walk(np.arange(4), np.ones(4, np.float32), np.zeros((4, 0, 3))), mesh)
+    step = compiled(spread(lambda key, more: begun, walk_on, mesh)[1], begun)  # type: ignore
+    once, _ = step(begun)
+    twice, _ = step(once)
+    np.testing.assert_array_equal(twice.iteration, np.arange(4) + 2)
 
 
 @pytest.mark.parametrize(("told", "has"), [({"bytes_limit": 10}, 40), ({}, None), (None, None)])
