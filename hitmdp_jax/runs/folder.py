@@ -19,6 +19,7 @@ METRICS = "metrics.csv"
 EVALUATIONS = "evaluations.csv"
 MADE_WITH = "made_with.txt"  # a line for whatever trained a part of the run
 REPORT = "report.html"
+OTHER_REPORT = "report_*.html"  # on another task
 SWEEP = "sweep"  # of a sweep: its table, `.csv` and `.md`, and its figure
 EVENTS = "events"  # of TensorBoard, which adds `.out.tfevents.` and more
 LOCK = ".lock"  # stays; whoever trains holds it
@@ -29,8 +30,8 @@ SETTINGS, VIDEOS, WANDB = "settings", "videos", "wandb"
 
 FOLDERS = (CHECKPOINTS, EXPORT, FIGURES, SETTINGS, VIDEOS, WANDB)
 FILES = (
-    f"{EVALUATIONS}*", f"{METRICS}*", MADE_WITH, REPORT, f"{SWEEP}.csv", f"{SWEEP}.md",
-    f"{EVENTS}.out.tfevents.*", LEFTOVER, CONFIG,
+    f"{EVALUATIONS}*", f"{METRICS}*", MADE_WITH, REPORT, OTHER_REPORT, f"{SWEEP}.csv",
+    f"{SWEEP}.md", f"{EVENTS}.out.tfevents.*", LEFTOVER, CONFIG,
 )  # fmt: skip
 
 

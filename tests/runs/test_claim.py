@@ -30,7 +30,8 @@ def test_a_folder_is_claimed_once(tmp_path):
     assert RunConfig.load(run_dir) == CONFIG
     with pytest.raises(UsageError, match="already holds a run: resume="):
         claim(run_dir, CONFIG)
-    for name in ("metrics.csv", "made_with.txt", "report.html", "export/policy.onnx"):
+    written = "metrics.csv", "made_with.txt", "report.html", "report_walker2d.html"
+    for name in (*written, "export/policy.onnx"):
         (run_dir / name).parent.mkdir(exist_ok=True)
         (run_dir / name).write_text("old")
     (run_dir / "notes.txt").write_text("the user's own")
