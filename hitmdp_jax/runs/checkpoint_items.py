@@ -60,13 +60,29 @@ def kept_of(params: Any, normalizer: RunningStatisticsState) -> dict[str, Any]:
 
 
 def with_raw_keys(state: TrainState) -> TrainState:
-    """Return a state whose keys are raw numbers, as a checkpoint holds them: a task's own, too."""
-    return jax.tree.map(lambda x: jax.random.key_data(x) if _is_key(x) else x, state)
+    """Return a state whose keys are raw numbers, as a checkpoint holds them: a task's own, too.
+
+    Orbax saves no array without entries, which the states of simulators contain: in place of one is
+    an array of zeros that has some.
+    """
+
+    def raw(x: Any) -> Any:
+        if _is_key(x):
+            return jax.random.key_data(x)
+        return x if x.size else jnp.zeros([size or 1 for size in x.shape], x.dtype)
+
+    return jax.tree.map(raw, state)
 
 
 def with_keys(raw: TrainState, like: TrainState) -> TrainState:
-    """Return a state with keys where `like`, of the same structure, has them."""
-    return jax.tree.map(lambda x, y: jax.random.wrap_key_data(x) if _is_key(y) else x, raw, like)
+    """Return a state with keys and arrays without entries where `like`, alike, has them."""
+
+    def back(x: Any, y: Any) -> Any:
+        if _is_key(y):
+            return jax.random.wrap_key_data(x)
+        return x if y.size else jnp.zeros(y.shape, y.dtype)
+
+    return jax.tree.map(back, raw, like)
 
 
 def _is_key(x: Any) -> bool:

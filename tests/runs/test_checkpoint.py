@@ -48,6 +48,26 @@ def test_a_state_comes_back_as_it_was(checkpoints, state):
     jax.tree.map(np.testing.assert_array_equal, *raw)
 
 
+class Empty(Target):
+    """A task whose states have an array without entries, as those of a simulator do."""
+
+    def reset(self, rng):
+        return super().reset(rng).replace(pipeline_state={"act": jnp.zeros((0, 3))})
+
+
+def test_arrays_without_entries_come_back(checkpoints):
+    init, _ = hitmdp_jax.make_train(PPO(num_epochs=1), Empty(), num_steps=64, num_envs=4,
+                                    rollout_length=16)  # fmt: skip
+    keys = jax.random.split(jax.random.key(0), 2)
+    state = jax.jit(jax.vmap(init))(keys)
+    checkpoints.save(Progress(3, 0, state))
+    back = checkpoints.restore(lambda task: jax.eval_shape(jax.vmap(init), keys)).state
+    assert checkpoints.is_whole(3)
+    assert back.rollout.env.env.pipeline_state["act"].shape == (2, 4, 0, 3)
+    jax.tree.map(np.testing.assert_array_equal, back.learner.params, state.learner.params)
+    assert checkpoints.failure is None
+
+
 NAN = float("nan")
 
 
