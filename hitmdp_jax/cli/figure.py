@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from textwrap import fill
 
 import jax
 import numpy as np
@@ -24,6 +25,7 @@ from hitmdp_jax.experiments import tables
 from hitmdp_jax.figures import registry, theorems
 from hitmdp_jax.figures.curves import save
 from hitmdp_jax.figures.registry import Entry, Needs, RunMetrics
+from hitmdp_jax.figures.style import plain
 from hitmdp_jax.interpret.evaluation import check_episodes, task_env
 from hitmdp_jax.interpret.interventions import WITHOUT_EACH_OPTION, table
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
@@ -36,6 +38,7 @@ from hitmdp_jax.runs.metrics import read_metrics
 from hitmdp_jax.runs.policy import places
 from hitmdp_jax.video import filmstrip
 
+LETTERS, INCHES = 13, 0.2  # of a title: how many fit into an inch, and how high a line is
 EPISODES = 8  # to record, where a figure shows episodes
 PICTURES: dict[Needs, Callable[[OptionAnalysis], Mapping[int, np.ndarray]]] = {
     Needs.PICTURES: lambda analysis: filmstrip.pictures(analysis.env, analysis.trajectories),
@@ -94,16 +97,25 @@ def _drawn(entry: Entry, arguments: argparse.Namespace) -> Figure:
     if entry.needs in (Needs.METRICS, Needs.RUNS):
         runs = metrics_of(arguments)
         return entry.draw(runs if entry.needs == Needs.RUNS else runs[0])
-    analysis = analysis_of(arguments)
+    title, analysis = analysis_of(arguments)
     more = [_pictures(entry.needs, arguments.name, analysis)] if entry.needs in PICTURES else []
     figure = entry.draw(analysis, *more)
     if arguments.name == "causal":
         tables.show(table(analysis.interventions))
+    return titled(figure, title)
+
+
+def titled(figure: Figure, title: str) -> Figure:
+    """Return a figure that says above all else, on lines of its own, what it is of."""
+    width, height = figure.get_size_inches()
+    lines = fill(plain(title), int(LETTERS * width))
+    figure.suptitle("\n".join(filter(None, (lines, figure.get_suptitle()))), fontsize="small")
+    figure.set_size_inches(width, height + INCHES * (1 + lines.count("\n")))
     return figure
 
 
-def analysis_of(arguments: argparse.Namespace) -> OptionAnalysis:
-    """Return the analysis of a policy's options on the task that it was trained on last.
+def analysis_of(arguments: argparse.Namespace) -> tuple[str, OptionAnalysis]:
+    """Return a policy's name, and the analysis of its options on the task trained on last.
 
     It is made on another task where the command line names one.
 
@@ -119,7 +131,8 @@ def analysis_of(arguments: argparse.Namespace) -> OptionAnalysis:
     set_up_host(solver, episodes * (number + WITHOUT_EACH_OPTION))
     choice = load_chosen(arguments, config, shown)
     env = task_env(choice.task, shown.physics)
-    return OptionAnalysis(choice.policy, env, evaluation_key(choice.training), episodes)
+    title = f"{choice.title}, {episodes} episode{'s' * (episodes > 1)}"
+    return title, OptionAnalysis(choice.policy, env, evaluation_key(choice.training), episodes)
 
 
 def _of_all_trainings(

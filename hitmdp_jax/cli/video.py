@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> None:
         print(f"An episode of {steps:,} steps, return {total:,.1f}.")
     with working("filming"):
         write_video(path, env, recorded)
-    picture = filmstrip(env, recorded, title=choice.title)
+    picture = filmstrip(env, recorded, title=f"{choice.title}, episode 1")
     save(picture, strip, dpi=100)
     if arguments.tensorboard:
         shown = {"filmstrip": pixels(picture), "video": animated(path)}

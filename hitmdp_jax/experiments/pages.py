@@ -122,6 +122,7 @@ def _films(films: Mapping[str, Callable[[Path], None]]) -> Parts:
         heading(name) + film(write, f"The beginning of an episode of {name}")
         for name, write in films.items()
     )
+    yield text("Each is the first episode of the training with the median return.")
 
 
 def _intervals(looks: Mapping[str, Style], runs: Mapping[str, Summary]) -> Markup:

@@ -125,8 +125,15 @@ class RunReport:
             with contextlib.suppress(UsageError):  # how far it came is not known
                 iteration = int(self.metrics["iteration"].max())
                 task = f" on {config.task_at(iteration)['name']}"
-        of = config.trainings[self.training].name
-        return f"Everything about options on this page describes {of}{task}."
+        return f"Everything about options on this page describes {self.policy_shown}{task}."
+
+    @property
+    def policy_shown(self) -> str:
+        """Which policy is shown: its training, and how long it had learned."""
+        name = self.config.trainings[self.training].name
+        with contextlib.suppress(UsageError):  # how far it came is not known
+            name += f" after {int(self.metrics['env_steps'].max()):,} environment steps"
+        return name
 
     @functools.cached_property
     def metrics(self) -> dict[str, np.ndarray]:
@@ -287,7 +294,7 @@ class RunReport:
     def film(self) -> Parts:
         """Show how an episode begins, the active option around it and as a strip below."""
         yield film(self.shown.video, "The beginning of an episode")
-        yield text("The beginning of the first recorded episode.")
+        yield text(f"The beginning of the first recorded episode of {self.policy_shown}.")
 
     def alone(self) -> Parts:
         """Show what each option does by itself, all from the state in which the video begins."""

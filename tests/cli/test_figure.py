@@ -1,11 +1,15 @@
 """`hitmdp figure FIGURE RUN_DIR` as a user runs it."""
 
 import shutil
+from argparse import Namespace
 
 import jax
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
+from hitmdp_jax.cli.figure import analysis_of, titled
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.figures.registry import summaries
 from hitmdp_jax.video import pictures
@@ -82,6 +86,26 @@ def without_options(command, tmp_path_factory):
     result = command("train", *QUICK, "total_steps=2048", f"run_dir={folder}")
     assert result.returncode == 0, result.stderr
     return folder
+
+
+def test_a_figure_of_episodes_says_whose_they_are_above_what_it_says():
+    figure = Figure(figsize=(3.0, 2.0), layout="constrained")
+    figure.suptitle("No two options are alike.")
+    told = "mopg on my$task$, seed 4, 8,192 env steps, 8 episodes"
+    titled(figure, told)
+    *name, said = figure.get_suptitle().split("\n")
+    assert " ".join(name).replace(r"\$", "$") == told
+    assert said == "No two options are alike."
+    assert all(len(line) <= 39 for line in name)
+    np.testing.assert_allclose(figure.get_size_inches(), [3.0, 2.0 + 0.2 * len(name)])
+
+
+def test_of_a_policy_a_figures_title_names_run_seed_steps_and_episodes(run_dir):
+    where = {"trust": False, "env": None, "task": None, "checkpoint": None, "setting": None}
+    arguments = Namespace(run_dirs=[run_dir], seed=4, episodes=3, **where)
+    title, analysis = analysis_of(arguments)
+    assert title == "mopg on invertedpendulum, seed 4, 8,192 env steps, 3 episodes"
+    assert analysis.episodes == 3
 
 
 @pytest.mark.parametrize("name", [name for name in summaries() if name not in OF_OTHERS])

@@ -82,7 +82,8 @@ def test_several_options_and_seeds_have_the_rest(tmp_path):
         "How far the options' actions are apart",
     } < {html.unescape(heading) for heading in headings(page)}
     assert "attention" not in page
-    assert "Everything about options on this page describes seed 0." in page
+    described = "seed 0 after 2,048 environment steps"
+    assert f"Everything about options on this page describes {described}." in page
     in_short = re.search('<section id="in-short"[^>]*>(.*?)</section>', page, re.DOTALL).group(1)
     known = analysis_of_embeddings(9)
     for sentence in (*verdict(known.interventions), alike(known.divergence)):
@@ -167,7 +168,8 @@ def test_of_a_transfer_the_page_names_the_task_on_which_options_are_shown(tmp_pa
         sink.write(iteration, iteration * 2048, dict.fromkeys(names, np.ones(1)))
         sink.close()
         told = RunReport(folder, config, "", 0, shown()).subtitle
-        assert told.endswith(f"describes seed 0 on dmc/{task}.")
+        steps = f"{iteration * 2048:,} environment steps"
+        assert told.endswith(f"describes seed 0 after {steps} on dmc/{task}.")
 
 
 def test_the_explorers_chart_ends_where_the_noise_of_the_actions_does():

@@ -43,7 +43,7 @@ def draw(analysis: OptionAnalysis, pictures: Mapping[int, np.ndarray]) -> Figure
     lanes(axes, episode, number)
     returned = analysis.trajectories.returns[0]
     axes.set(xlabel="step", ylabel="option")
-    above.set_title(f"episode 0: return {returned:.0f}", loc="left", fontsize="medium")
+    above.set_title(f"episode 1: return {returned:.0f}", loc="left", fontsize="medium")
     return figure
 
 

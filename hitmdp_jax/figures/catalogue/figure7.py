@@ -20,7 +20,7 @@ def draw(analysis: OptionAnalysis) -> Figure:
     end = min(max(lengths), STEPS)
     for n, (axes, episode) in enumerate(zip(panels, episodes, strict=True)):
         lanes(axes, episode, analysis.num_options)
-        axes.set_title(f"run {n + 1}: return {returns[n]:.0f}", loc="left", fontsize="medium")
+        axes.set_title(f"episode {n + 1}: return {returns[n]:.0f}", loc="left", fontsize="medium")
         if lengths[n] < end:
             axes.axvspan(lengths[n], end, color=UNKNOWN, lw=0)
     panels[-1].set(xlabel="step", xlim=(0, end))
