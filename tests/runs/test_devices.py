@@ -32,7 +32,7 @@ run = Run.create(config(seeds=2, data_devices=2))
 assert dict(run.mesh.shape) == {"trial": 2, "data": 2}
 result = after_an_iteration(run, *run.programs(0))
 with open(sys.argv[1], "wb") as file:
-    pickle.dump([jax.tree.leaves(result), sorted(run.envs[0].physics._idle)], file)
+    pickle.dump([jax.tree.leaves(result), sorted(n for n, _ in run.envs[0].physics._idle)], file)
 """
 
 
