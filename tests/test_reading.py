@@ -47,8 +47,8 @@ READERS = {  # file -> its content, and what reads it
     "checkpoints": (None, lambda folder: Checkpoints(folder, read_only=True).restore_policy()),
 }
 UNREAD = (  # by anything of ours: damage costs the file alone (commands/test_written_files.py)
-    ".lock", "report.html", "sweep.csv", "sweep.md", "events.out.tfevents.*", ".*.tmp",
-    "export", "figures", "settings", "videos", "wandb",
+    ".lock", "report.html", "report_*.html", "sweep.csv", "sweep.md", "events.out.tfevents.*",
+    ".*.tmp", "export", "figures", "settings", "videos", "wandb",
 )  # fmt: skip
 PUBLISHED = ("seeds.csv", "curves.csv", "runs.yaml", "mopg.policy")  # of a task
 ANY = {

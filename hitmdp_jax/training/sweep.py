@@ -60,7 +60,7 @@ def check_sweep(
         raise UsageError(f"samples = {samples} draws from a sweep: give one, e.g. sweep={FORM}.")
     if sweep is None:
         return
-    if not isinstance(sweep, Mapping) or not sweep:
+    if not isinstance(sweep, Mapping) or not sweep or not all(isinstance(x, str) for x in sweep):
         raise UsageError(f"sweep = {sweep} must name what is swept, e.g. {FORM}.")
     traced = [PREFIX + name for name in agent.traced_values()]
     every = [PREFIX + field.name for field in hyperparameters_of(agent)]
