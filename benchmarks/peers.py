@@ -1,8 +1,9 @@
 """Whole trainings in turns with other libraries': `python -m benchmarks.peers` (extra `peers`).
 
-HalfCheetah, 16 environments x 128 steps, minibatches of 64, 10 epochs, bodies of 64 x 64 for all.
+HalfCheetah for all. PPO and MOPG: 16 environments x 128 steps, minibatches of 64, 10 epochs, bodies
+of 64 x 64. SAC: one gradient step on 256 old steps for each new step, bodies of 256 x 256.
 Each training runs in a process of its own; the speed is that of the whole training loop, metrics
-and checkpoints included, after its first update, whose time stands beside it.
+and checkpoints included, after its first report, whose time stands beside it.
 """
 
 import argparse
@@ -18,46 +19,44 @@ from pathlib import Path
 from typing import Any
 
 from hitmdp_jax.runs.metrics import read_metrics
-from hitmdp_jax.runs.reporter import SPEED_WINDOW
 
 TASK = "HalfCheetah-v5"
 NUM_ENVS, LENGTH, MINIBATCH, EPOCHS, SIZES = 16, 128, 64, 10, (64, 64)
 STEPS = NUM_ENVS * LENGTH  # of an iteration
-SETTINGS = ("env=halfcheetah", f"num_envs={NUM_ENVS}", f"rollout_length={LENGTH}")
-
-FEWEST = SPEED_WINDOW + 5  # reports of ours
+ON_POLICY = (f"num_envs={NUM_ENVS}", f"rollout_length={LENGTH}", "physics=native")
+WARM_UP = 1_000  # random steps before SAC learns
+OFF_POLICY = ("algo=sac", f"algo.warmup_steps={WARM_UP}", "physics=native")
 
 Figures = dict[str, float]  # steps_per_second of all seeds together, first_update_s
 
 
-def ours(algo: str, physics: str, seeds: int, seconds: float) -> Figures:
-    """Train by the command line until the time is up."""
+def ours(seconds: float, *settings: str) -> Figures:
+    """Train by the command line until the time is up, but for two reports at least."""
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
         command = [
-            sys.executable, "-m", "hitmdp_jax", "train", *SETTINGS, f"algo={algo}",
-            f"physics={physics}", f"seeds={seeds}", "total_steps=1e9", f"run_dir={run_dir}",
+            sys.executable, "-m", "hitmdp_jax", "train", "env=halfcheetah", "total_steps=1e9",
+            *settings, f"run_dir={run_dir}",
         ]  # fmt: skip
         start = time.perf_counter()
+        reports = []  # times, and steps of all seeds until then
         with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
-            while not len(speeds := _speeds(run_dir)):
+            while len(reports) < 3 or reports[-1][0] - reports[0][0] < seconds:
                 time.sleep(0.05)
+                steps = _steps(run_dir)
+                if steps > (reports[-1][1] if reports else 0):
+                    reports.append((time.perf_counter(), steps))
                 if process.poll() is not None:
                     raise RuntimeError(f"{' '.join(command)} failed")
-            first = time.perf_counter() - start
-            while time.perf_counter() - start - first < seconds or len(speeds) < FEWEST:
-                time.sleep(0.5)
-                speeds = _speeds(run_dir)
             process.terminate()
-    # The first reports' speed contains the start.
-    steady = statistics.median(speeds[SPEED_WINDOW:])
-    return {"steps_per_second": seeds * steady, "first_update_s": first}
+    (first, before), (last, after) = reports[0], reports[-1]
+    return {"steps_per_second": (after - before) / (last - first), "first_update_s": first - start}
 
 
-def _speeds(run_dir: Path) -> Any:
-    """Return the speed of each seed in the reports that a run has written so far."""
+def _steps(run_dir: Path) -> int:
+    """Return the environment steps of all seeds that a run has reported so far."""
     metrics = read_metrics(run_dir) if (run_dir / "metrics.csv").exists() else {}
-    return metrics["steps_per_second"][0] if metrics else []
+    return int(metrics["env_steps"][:, -1].sum()) if metrics else 0
 
 
 def sb3(seconds: float, library: Any = None) -> Figures:
@@ -96,14 +95,41 @@ def sbx(seconds: float) -> Figures:
     return sb3(seconds, sbx)
 
 
+def sbx_sac(seconds: float) -> Figures:
+    """Train SBX's SAC with its default sizes, which are ours."""
+    import sbx  # pyright: ignore
+    from stable_baselines3.common.callbacks import BaseCallback  # pyright: ignore
+
+    start = time.perf_counter()
+    first = WARM_UP + 1_048  # our first report is made there
+    times: dict[int, float] = {}
+
+    class Clock(BaseCallback):
+        def _on_step(self) -> bool:
+            if self.num_timesteps >= first:
+                times[self.num_timesteps] = time.perf_counter()
+            return not times or times[self.num_timesteps] - times[first] < seconds
+
+    model = sbx.SAC("MlpPolicy", TASK, learning_starts=WARM_UP)
+    model.learn(10**9, callback=Clock())
+    last = max(times)
+    return {
+        "steps_per_second": (last - first) / (times[last] - times[first]),
+        "first_update_s": times[first] - start,
+    }
+
+
 ROWS: dict[str, Callable[[float], Figures]] = {
     "sb3 PPO": sb3,
     "sbx PPO": sbx,
-    "hitmdp_jax PPO": lambda seconds: ours("ppo", "native", 1, seconds),
-    "hitmdp_jax MOPG": lambda seconds: ours("mopg", "native", 1, seconds),
-    "hitmdp_jax MOPG, mjx": lambda seconds: ours("mopg", "mjx", 1, seconds),
-    "hitmdp_jax PPO, 10 seeds": lambda seconds: ours("ppo", "native", 10, seconds),
-    "hitmdp_jax MOPG, 10 seeds": lambda seconds: ours("mopg", "native", 10, seconds),
+    "hitmdp_jax PPO": lambda s: ours(s, "algo=ppo", *ON_POLICY),
+    "hitmdp_jax MOPG": lambda s: ours(s, "algo=mopg", *ON_POLICY),
+    "hitmdp_jax MOPG, mjx": lambda s: ours(s, "algo=mopg", *ON_POLICY[:2], "physics=mjx"),
+    "hitmdp_jax PPO, 10 seeds": lambda s: ours(s, "algo=ppo", *ON_POLICY, "seeds=10"),
+    "hitmdp_jax MOPG, 10 seeds": lambda s: ours(s, "algo=mopg", *ON_POLICY, "seeds=10"),
+    "sbx SAC": sbx_sac,
+    "hitmdp_jax SAC": lambda s: ours(s, *OFF_POLICY),
+    "hitmdp_jax SAC, 4 seeds": lambda s: ours(s, *OFF_POLICY, "seeds=4"),
 }
 
 
@@ -136,8 +162,8 @@ def main() -> None:
                 found[name].append(figures)
             else:
                 found.pop(name, None)
-    base = _median(found.get("sb3 PPO", []), "steps_per_second")
-    print("| training | env steps/s | x sb3 | first update (s) |\n| --- | --- | --- | --- |")
+    base = _median(next(iter(found.values()), []), "steps_per_second")
+    print("| training | env steps/s | x the first | first report (s) |\n| --- | --- | --- | --- |")
     for name, turns in found.items():
         speed = _median(turns, "steps_per_second")
         # The first turn compiles; the later ones find that in the cache.
