@@ -31,7 +31,7 @@ Figures = dict[str, float]  # steps_per_second of all seeds together, first_upda
 
 
 def ours(seconds: float, *settings: str) -> Figures:
-    """Train by the command line until the time is up, but for two reports at least."""
+    """Train by the command line until the time is up and three reports are there."""
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
         command = [

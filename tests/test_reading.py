@@ -212,6 +212,16 @@ JUNK = [None, True, 1.5, -1, "word", "2020-01-01", "", "~nouser/x.py:C"]
 JUNK += [[1], [[1]], {}, {"a": 1}, {1: 2}]
 
 
+@pytest.mark.parametrize("group", ["", "algo", "env", "second_env", "sweep"])
+def test_a_name_that_is_no_text_is_explained(group, tmp_path):
+    good = RunConfig.from_mapping({k: x for k, x in RUN.items() if k != "schema"}).to_dict()
+    good |= {"second_env": good["env"], "sweep": {"algo.gamma": [0.9, 0.99]}}
+    settings = good | ({group: good[group] | {1: 2}} if group else {1: 2})
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(settings))
+    with pytest.raises(UsageError, match="1"):
+        RunConfig.load(tmp_path)
+
+
 @pytest.mark.parametrize("junk", JUNK, ids=repr)
 def test_a_setting_of_another_kind_is_explained(junk, tmp_path):
     good = RunConfig.from_mapping({k: x for k, x in RUN.items() if k != "schema"}).to_dict()

@@ -163,23 +163,27 @@ class _Shown:
             policy, env = self.policy_and_env
             return jax.device_get(run_episodes(policy, env, self.key, 1, physics=True))
 
-    def video(self, path: Path) -> None:
-        """Film the beginning of the first episode."""
+    def filmed_env(self) -> Any:
+        """Return the task; raises UsageError where it cannot be filmed."""
         from hitmdp_jax.cli.video import check_filming
-        from hitmdp_jax.video.film import write_video
 
         _, env = self.policy_and_env
         check_filming(env, (self.other or self.config.tasks[-1])["name"])
+        return env
+
+    def video(self, path: Path) -> None:
+        """Film the beginning of the first episode."""
+        from hitmdp_jax.video.film import write_video
+
+        env = self.filmed_env()
         shown = _beginning(self.recorded(), FILMED, spec_of(env).dt)
         write_video(path, env, shown, episodes=[0], size=PIXELS)
 
     def clips(self, options: Sequence[int], paths: Sequence[Path]) -> None:
         """Film how the first episode begins when each of these options acts alone."""
-        from hitmdp_jax.cli.video import check_filming
         from hitmdp_jax.video.film import write_clips
 
-        _, env = self.policy_and_env
-        check_filming(env, (self.other or self.config.tasks[-1])["name"])
+        env = self.filmed_env()
         alone = self.analysis.interventions.alone
         films = [jax.tree.map(lambda x, k=k: x[k], alone) for k in options]
         dt = spec_of(env).dt

@@ -110,8 +110,10 @@ class RunConfig:
         true_or_false("save_replay", values.get("save_replay", False))
         for name in GROUPS:
             given = values.get(name)
-            named = isinstance(given, Mapping) and "name" in given
-            if not named and (given is not None or name == "algo"):
+            if given is None and name != "algo":
+                continue
+            names = list(given) if isinstance(given, Mapping) else []
+            if "name" not in names or not all(isinstance(key, str) for key in names):
                 raise UsageError(f"{name} = {given} must hold a name and its settings.")
         config = cls(**values)
         if config.seed + config.seeds > 2**32:
