@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from formulas import drawn  # a file beside this one, which MkDocs lets a hook import
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -47,7 +48,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Lead each relative link to where its target lies on the site."""
+    """Draw the formulas, and lead each relative link to where its target lies on the site."""
     uri = page.file.src_uri
     if uri.startswith(("reference/", "files/")):
         return markdown
@@ -58,7 +59,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         there = posixpath.relpath(target, posixpath.dirname(uri) or ".")
         return f"{link[1]}{there}{link[3] or ''}{link[4]}"
 
-    parts = CODE.split(markdown)  # every second one is code
+    parts = CODE.split(drawn(markdown))  # every second one is code
     return "".join(part if i % 2 else LINK.sub(moved, part) for i, part in enumerate(parts))
 
 

@@ -33,7 +33,11 @@ def test_the_site_builds_without_a_warning(tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
     site = config.load_config(str(ROOT / "mkdocs.yml"), site_dir=str(tmp_path), strict=True)
     build.build(site)
-    assert (tmp_path / "reference" / "theory" / "index.html").is_file()
+    for page in ("reference/theory", "reference/agents", "theory"):
+        text = (tmp_path / page / "index.html").read_text()
+        assert '<math xmlns="http' in text
+        assert "math::" not in text
+        assert "```math" not in text
 
 
 def hooks():
