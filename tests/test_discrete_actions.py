@@ -14,6 +14,7 @@ from hitmdp_jax.export.program import export
 from hitmdp_jax.interpret.episodes import run_episodes
 from hitmdp_jax.interpret.evaluation import check_fit
 from hitmdp_jax.interpret.option_analysis import OptionAnalysis
+from hitmdp_jax.report.interactive import explorer
 from tests.probes import untrained_policy
 
 SIZES = {"num_steps": 4 * 512, "num_envs": 16, "rollout_length": 32}
@@ -97,3 +98,7 @@ def test_what_options_do_to_choices_is_told():
     unmoved = found.perturbation.actions[:, 0, 10]
     np.testing.assert_allclose(unmoved, [first.mean(0), second.mean(0)], rtol=1e-3)
     np.testing.assert_array_equal(found.perturbation.noise, 1.0)
+    assert found.perturbation.quantity == "log-probability"
+    page = explorer(found)
+    assert "the log-probability of each action" in page
+    assert "mean action" not in page

@@ -52,7 +52,7 @@ def draw_changes(
     analysis: OptionAnalysis,
     shifted: Sequence[tuple[int, int]],
 ) -> None:
-    """Draw, a panel each, how far shifts of an option's dimension move the mean action.
+    """Draw, a panel each, how far shifts of an option's dimension change its actions.
 
     Args:
       figure: that holds the panels.
@@ -66,7 +66,7 @@ def draw_changes(
         for axes, (option, dimension) in zip(panels, shifted, strict=True)
     ]
     figure.supxlabel(fill(found.summary, 110 if len(panels) > 1 else 60), fontsize="small")
-    label = "change of the\nmean action"
+    label = f"change of the\n{found.quantity}"
     figure.colorbar(images[-1], ax=list(panels), label=label, pad=0.02, ticks=MaxNLocator(4))
 
 

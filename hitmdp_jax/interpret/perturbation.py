@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hitmdp_jax.agents.hit_policy import HitPolicy
+from hitmdp_jax.envs.spec import Discrete
 from hitmdp_jax.interpret.interventions import IDENTICAL
 from hitmdp_jax.networks.action_heads import noise_of, vector_of
 from hitmdp_jax.runs.policy import Policy
@@ -28,27 +29,32 @@ NOTICED = (2 * IDENTICAL) ** 0.5
 
 
 class Perturbation(NamedTuple):
-    """Mean actions over states, under shifted embeddings."""
+    """What is done under shifted embeddings, mean over states.
+
+    Of actions that are numbers this is the mean action, in each of A actuators. Of discrete actions
+    it is the log-probability of each of A choices, whose `noise` is one nat.
+    """
 
     shifts: np.ndarray  # [D]
     actions: np.ndarray  # [K, E, D, A] of option k with dimension e shifted
     slopes: np.ndarray  # [K, E, A] their derivative where nothing is shifted, per unit of W
     noise: np.ndarray  # [A] standard deviation of the policy's actions, mean over states
+    choices: bool = False  # whether actions are discrete
 
     @property
     def moved(self) -> np.ndarray:
-        """What the shifts change the mean actions by, [K, E, D, A]."""
+        """What the shifts change it by, [K, E, D, A]."""
         here = int(np.abs(self.shifts).argmin())
         return self.actions - self.actions[:, :, here : here + 1]
 
     @property
     def effects(self) -> np.ndarray:
-        """The largest change by each dimension, in standard deviations of the action, [K, E]."""
+        """The largest change by each dimension, in units of `noise`, [K, E]."""
         return (np.abs(self.moved) / np.maximum(self.noise, TINY)).max(axis=(2, 3))
 
     @property
     def negligible(self) -> bool:
-        """Whether no shift changes a mean action by what can be noticed."""
+        """Whether no shift makes a difference that can be noticed."""
         return bool(self.effects.max() < NOTICED)
 
     @property
@@ -56,10 +62,14 @@ class Perturbation(NamedTuple):
         """A sentence on how much the shifts change."""
         most, by = self.effects.max(), np.abs(self.shifts).max()
         end = ": practically nothing." if self.negligible else "."
-        return (
-            f"Shifts by up to {by:g} change mean actions by at most {most:.2g} standard deviations "
-            f"of the policy's actions{end}"
-        )
+        plural = "log-probabilities" if self.choices else "mean actions"
+        unit = "nats" if self.choices else "standard deviations of the policy's actions"
+        return f"Shifts by up to {by:g} change {plural} by at most {most:.2g} {unit}{end}"
+
+    @property
+    def quantity(self) -> str:
+        """What `actions` is, in words."""
+        return "log-probability" if self.choices else "mean action"
 
 
 def embeddings(policy: Policy) -> np.ndarray | None:
@@ -78,7 +88,9 @@ def perturb(policy: Policy, obs: ArrayLike, shifts: ArrayLike = SHIFTS) -> Pertu
     if embeddings(policy) is None:
         return None
     found = _perturbed(policy, jnp.asarray(obs), jnp.asarray(shifts))
-    return Perturbation(np.asarray(shifts), *map(np.asarray, found))
+    actions, slopes, noise = map(np.asarray, found)
+    choices = isinstance(policy.spec.action, Discrete)
+    return Perturbation(np.asarray(shifts), actions, slopes, noise, choices)
 
 
 @jax.jit
@@ -91,7 +103,7 @@ def _perturbed(policy: Policy, obs: jax.Array, shifts: jax.Array) -> tuple[jax.A
         return agent.policy(params | {"embeddings": rows}, states, jnp.arange(num_options))
 
     def decode(rows: jax.Array) -> jax.Array:
-        """Return the mean actions [K, A] under embeddings [K, E]."""
+        """Return what is done [K, A] under embeddings [K, E]."""
         return vector_of(policies(rows)).mean(axis=0)
 
     def along(dimension: jax.Array) -> jax.Array:
@@ -107,7 +119,7 @@ def _perturbed(policy: Policy, obs: jax.Array, shifts: jax.Array) -> tuple[jax.A
 
 
 def strongest(slopes: ArrayLike) -> np.ndarray:
-    """Return the dimensions [..., E] of slopes [..., E, A], those that move an actuator most first.
+    """Return the dimensions [..., E] of slopes [..., E, A], those that change most first.
 
     The order of slopes [E, A] is one option's; `np.abs(slopes).max(axis=0)` of [K, E, A] is that of
     all.
@@ -120,10 +132,12 @@ def sentences(
 ) -> list[str]:
     """Say what the strongest dimensions of an option do: "dimension 17 moves bthigh by +0.31 ...".
 
+    Of choices it is "dimension 17 changes the log-probability of north by +0.31 ...".
+
     Args:
       found: what shifts do.
       option: which.
-      actuators: their names, A.
+      actuators: their names, or those of the choices, A.
       most: how many sentences. There are fewer where fewer dimensions do what can be noticed, and
         one that says so where none does.
     """
@@ -133,5 +147,7 @@ def sentences(
             continue
         actuator = int(np.abs(slopes[dimension]).argmax())
         by = slopes[dimension, actuator]
-        said.append(f"dimension {dimension} moves {actuators[actuator]} by {by:+.2g} per unit")
-    return said or ["no dimension moves an actuator noticeably"]
+        does = f"changes the {found.quantity} of" if found.choices else "moves"
+        said.append(f"dimension {dimension} {does} {actuators[actuator]} by {by:+.2g} per unit")
+    does = "changes a choice" if found.choices else "moves an actuator"
+    return said or [f"no dimension {does} noticeably"]

@@ -160,6 +160,8 @@ def explorer(analysis: OptionAnalysis) -> Markup:
         "actuators": as_text(analysis.spec.action.names),
         "lines": [Style(color, i % 3).plotly for i, color in enumerate(colors)],
         "first": int(analysis.by_usage[0]),
+        "quantity": found.quantity,
     }
     options = [f"option {k}" for k in range(analysis.num_options)]
-    return Markup(templates.get_template("explorer.html").render(data=data, options=options))
+    template = templates.get_template("explorer.html")
+    return Markup(template.render(data=data, options=options, choices=found.choices))

@@ -20,6 +20,10 @@ from plotly.offline import get_plotlyjs
 
 from hitmdp_jax.errors import UsageError
 
+DRAWING = (  # it can be moved sideways where it is wider than the screen, also by a key
+    '<div class="scroll" tabindex="0" role="group" aria-label="{}">'
+    '<img class="drawing" alt="{}" src="data:image/svg+xml,{}"></div>'
+)
 FILM = '<video controls aria-label="{}" src="data:video/mp4;base64,{}"></video>'
 DPI = 120  # of what a drawing holds as pixels
 SOURCE = re.compile(r' src="data:image/svg\+xml,([^"]*)"')
@@ -109,8 +113,7 @@ def drawing(figure: Figure, title: str) -> Markup:
     with rc_context({"svg.hashsalt": "hitmdp_jax"}):  # the same figure is the same file
         figure.savefig(file, format="svg", dpi=DPI, metadata={"Date": None})
     svg = PNG.sub(_smaller, UNSEEN.sub(" ", file.getvalue().decode()))
-    source = Markup('<img class="drawing" alt="{}" src="data:image/svg+xml,{}">')
-    return source.format(title, quote(svg, safe=PLAIN))
+    return Markup(DRAWING).format(title, title, quote(svg, safe=PLAIN))
 
 
 def _smaller(png: re.Match[str]) -> str:

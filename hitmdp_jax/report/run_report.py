@@ -185,6 +185,7 @@ class RunReport:
 
     def verdict(self) -> Parts:
         """Say what the run returned, whether its options matter, and what to do next."""
+        again = [str(self.run_dir), *([] if self.other is None else ["--env", self.other])]
         name, score = self.headline
         yield text(f"{name[0].upper()}{name[1:]}: {score}.")
         if reached := self.reached:
@@ -192,15 +193,16 @@ class RunReport:
         try:
             analysis = self.analysis
             analysis.check_several_options()
-        except UsageError:
-            return  # there is nothing to choose between
+        except UsageError:  # there is nothing to choose between
+            yield text("Next, see what it returns where it always takes the likeliest action:")
+            yield preformatted(shlex.join(["hitmdp", "evaluate", *again, "--deterministic"]))
+            return
         for sentence in (
             *verdict(analysis.interventions),
             interventions.alike(analysis.divergence),
         ):
             yield text(sentence)
         needed = episodes_needed(analysis.interventions)
-        again = [str(self.run_dir), *([] if self.other is None else ["--env", self.other])]
         if needed:
             yield text("Next, record as many episodes as should tell:")
             yield preformatted(shlex.join(["hitmdp", "report", *again, "--episodes", str(needed)]))

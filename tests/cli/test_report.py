@@ -82,16 +82,23 @@ def test_a_run_that_was_cut_short_still_has_a_page(command, finished, tmp_path):
     assert re.search("What it learned.*: The run has no finished iteration.</li>", content)
 
 
-def test_several_runs_are_compared(command, finished, tmp_path):
-    other = tmp_path / "other"
-    shutil.copytree(finished[0], other)
-    out = tmp_path / "both.html"
-    result = command("report", finished[0], other, f"--out={out}")
+@pytest.fixture(scope="module")
+def comparison(command, finished, tmp_path_factory):
+    """The page of a run and its copy in a folder "other"."""
+    folder = tmp_path_factory.mktemp("comparison")
+    shutil.copytree(finished[0], folder / "other")
+    path = folder / "both.html"
+    result = command("report", finished[0], folder / "other", f"--out={path}")
     assert result.returncode == 0, result.stderr
-    content = out.read_text()
+    return path
+
+
+def test_several_runs_are_compared(comparison):
+    content = comparison.read_text()
     assert sections_of(content)[:2] == ("Returns", "Videos")
     assert content.count("<video ") == 2
-    assert str(other) in content  # two runs of one algorithm are told apart by their folders
+    # Two runs of one algorithm are told apart by their folders.
+    assert str(comparison.parent / "other") in content
 
 
 def test_no_run_is_one_sentence(command, tmp_path):
@@ -99,8 +106,8 @@ def test_no_run_is_one_sentence(command, tmp_path):
     assert (result.returncode, result.stderr.count("\n")) == (2, 1)
 
 
-@pytest.mark.parametrize("width", [1200, 390])
-def test_a_browser_shows_every_figure(page, width):
+@pytest.fixture
+def chrome():
     webdriver = pytest.importorskip("selenium.webdriver", reason="Selenium is not installed")
     browser, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if not browser or not driver:
@@ -111,58 +118,77 @@ def test_a_browser_shows_every_figure(page, width):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     chrome = webdriver.Chrome(options, webdriver.ChromeService(driver))
-    try:
-        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
-        chrome.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-        chrome.get(page.as_uri())
-        drawn = "return document.querySelectorAll('.js-plotly-plot .main-svg').length"
-        wait_until(lambda: chrome.execute_script(drawn))
-        assert chrome.get_log("browser") == []
-        assert chrome.execute_script("return document.documentElement.scrollWidth") <= width
-        empty = """
-            const plots = [...document.querySelectorAll('.js-plotly-plot')];
-            const blank = (plot) => !plot.data.length || plot.clientHeight < 90;
-            return plots.filter(blank).map((plot) => plot.id)"""
-        assert chrome.execute_script(empty) == []
-        loaded = "return document.querySelector('video').readyState"
-        wait_until(lambda: chrome.execute_script(loaded) >= 2)
-        # Below the picture there is room for the controls; a click on its strip of options seeks.
-        clicked = """
-            const video = document.querySelector('video'), box = video.getBoundingClientRect();
-            const picture = box.width * video.videoHeight / video.videoWidth;
-            const clientX = box.left + box.width / 2, clientY = box.top + 0.95 * picture;
-            video.dispatchEvent(new MouseEvent('click', {clientX, clientY, cancelable: true}));
-            return [box.height - picture, video.currentTime / video.duration]"""
-        below, at = chrome.execute_script(clicked)
-        assert below == pytest.approx(76, abs=1)
-        assert at == pytest.approx(0.5, abs=0.02)
-        in_step = """
-            const clips = [...document.querySelectorAll('.clips video')];
-            const times = clips.map((clip) => clip.currentTime);
-            return [clips.length, Math.max(...times) - Math.min(...times) < 0.5,
-                    clips.every((clip) => !clip.paused), clips.some((clip) => clip.controls)]"""
-        wait_until(lambda: chrome.execute_script(in_step)[2])
-        assert chrome.execute_script(in_step) == [4, True, True, False]
-        chrome.execute_script("document.querySelector('.clips + script + button').click()")
-        stopped = "return [...document.querySelectorAll('.clips video')].every((x) => x.paused)"
-        assert chrome.execute_script(stopped)
-        moved = """
-            const shown = () => JSON.stringify(
-              document.getElementById('explorer-chart').data.map((line) => line.y));
-            const before = shown(), choice = document.getElementById('explorer-dimension');
-            choice.selectedIndex = choice.length - 1;
-            choice.dispatchEvent(new Event('change'));
-            return before !== shown()"""
-        assert chrome.execute_script(moved)
-        assert chrome.get_log("browser") == []
-        assert faults(chrome) == {}
-        dark = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
-        chrome.execute_cdp_cmd("Emulation.setEmulatedMedia", dark)
-        assert faults(chrome) == {}
-        asked = "return performance.getEntriesByType('resource').map((entry) => entry.name)"
-        assert all(name.startswith("data:") for name in chrome.execute_script(asked))
-    finally:
-        chrome.quit()
+    yield chrome
+    chrome.quit()
+
+
+@pytest.mark.parametrize("width", [1200, 390])
+def test_a_browser_shows_every_figure(chrome, page, width):
+    show(chrome, page, width)
+    empty = """
+        const plots = [...document.querySelectorAll('.js-plotly-plot')];
+        const blank = (plot) => !plot.data.length || plot.clientHeight < 90;
+        return plots.filter(blank).map((plot) => plot.id)"""
+    assert chrome.execute_script(empty) == []
+    loaded = "return document.querySelector('video').readyState"
+    wait_until(lambda: chrome.execute_script(loaded) >= 2)
+    # Below the picture there is room for the controls; a click on its strip of options seeks.
+    clicked = """
+        const video = document.querySelector('video'), box = video.getBoundingClientRect();
+        const picture = box.width * video.videoHeight / video.videoWidth;
+        const clientX = box.left + box.width / 2, clientY = box.top + 0.95 * picture;
+        video.dispatchEvent(new MouseEvent('click', {clientX, clientY, cancelable: true}));
+        return [box.height - picture, video.currentTime / video.duration]"""
+    below, at = chrome.execute_script(clicked)
+    assert below == pytest.approx(76, abs=1)
+    assert at == pytest.approx(0.5, abs=0.02)
+    in_step = """
+        const clips = [...document.querySelectorAll('.clips video')];
+        const times = clips.map((clip) => clip.currentTime);
+        return [clips.length, Math.max(...times) - Math.min(...times) < 0.5,
+                clips.every((clip) => !clip.paused), clips.some((clip) => clip.controls)]"""
+    wait_until(lambda: chrome.execute_script(in_step)[2])
+    assert chrome.execute_script(in_step) == [4, True, True, False]
+    chrome.execute_script("document.querySelector('.clips + script + button').click()")
+    stopped = "return [...document.querySelectorAll('.clips video')].every((x) => x.paused)"
+    assert chrome.execute_script(stopped)
+    moved = """
+        const shown = () => JSON.stringify(
+          document.getElementById('explorer-chart').data.map((line) => line.y));
+        const before = shown(), choice = document.getElementById('explorer-dimension');
+        choice.selectedIndex = choice.length - 1;
+        choice.dispatchEvent(new Event('change'));
+        return before !== shown()"""
+    assert chrome.execute_script(moved)
+    assert chrome.get_log("browser") == []
+    assert_readable_by_everyone(chrome)
+    asked = "return performance.getEntriesByType('resource').map((entry) => entry.name)"
+    assert all(name.startswith("data:") for name in chrome.execute_script(asked))
+
+
+@pytest.mark.parametrize("width", [1200, 390])
+def test_a_browser_shows_a_comparison(chrome, comparison, width):
+    show(chrome, comparison, width)
+    assert_readable_by_everyone(chrome)
+
+
+def show(chrome, page, width):
+    """Open a page whose charts are drawn, and which is no wider than the screen."""
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
+    chrome.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    chrome.get(page.as_uri())
+    drawn = "return document.querySelectorAll('.js-plotly-plot .main-svg').length"
+    wait_until(lambda: chrome.execute_script(drawn))
+    assert chrome.get_log("browser") == []
+    assert chrome.execute_script("return document.documentElement.scrollWidth") <= width
+
+
+def assert_readable_by_everyone(chrome):
+    """By axe-core, in light and dark."""
+    assert faults(chrome) == {}
+    dark = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
+    chrome.execute_cdp_cmd("Emulation.setEmulatedMedia", dark)
+    assert faults(chrome) == {}
 
 
 def faults(chrome):

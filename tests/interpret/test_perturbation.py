@@ -100,3 +100,13 @@ def test_what_cannot_be_noticed_is_not_told_as_if_it_were_something():
     assert tiny.negligible
     assert sentences(tiny, 0, ["hip", "knee"], 9) == ["no dimension moves an actuator noticeably"]
     assert tiny.summary.endswith("actions: practically nothing.")
+
+
+def test_of_choices_it_is_the_log_probabilities_that_change():
+    found = along_lines(SLOPES, 1.0)._replace(choices=True)
+    assert sentences(found, 0, ["north", "east"], 1) == [
+        "dimension 3 changes the log-probability of north by -0.9 per unit"
+    ]
+    assert found.summary == "Shifts by up to 2 change log-probabilities by at most 1.8 nats."
+    tiny = along_lines(SLOPES / 3e4, 1.0)._replace(choices=True)
+    assert sentences(tiny, 0, ["north", "east"], 1) == ["no dimension changes a choice noticeably"]

@@ -186,8 +186,9 @@ def test_a_drawing_is_a_picture_of_its_own_and_the_same_every_time():
     assert len(parts) == 1
     safe = re.escape(PLAIN)
     found = re.fullmatch(
+        r'<div class="scroll" tabindex="0" role="group" aria-label="&#34;&gt;&lt;script&gt;">'
         r'<img class="drawing" alt="&#34;&gt;&lt;script&gt;" '
-        rf'src="data:image/svg\+xml,((?:[\w{safe}]|%[0-9A-F]{{2}})+)">',
+        rf'src="data:image/svg\+xml,((?:[\w{safe}]|%[0-9A-F]{{2}})+)"></div>',
         parts.pop(),
     )
     assert found

@@ -97,5 +97,6 @@ FIGURE = Entry(
     Section.TIMES,
     "Each line is an episode, from the dot where it begins. Its colour is the option in charge. A "
     "robot that moves in the plane is seen from above; of one that moves along a line, the place "
-    "is drawn against the step. A star is a goal, and grey squares are walls.",
+    "is drawn against the step. A star is a goal, the circle around it is where it counts as "
+    "reached, and grey squares are walls.",
 )

@@ -24,6 +24,13 @@ SHOWN = {
     )
 }
 
+ACTION_NAMES = {  # where the library gives numbers alone
+    "Catch-bsuite": ("left", "stay", "right"),
+    "CartPole-v1": ("left", "right"),
+    "FourRooms-misc": ("north", "east", "south", "west"),
+    "MountainCar-v0": ("left", "coast", "right"),
+}
+
 
 class KeyedTask(SpecTask):
     """A task of gymnax's interface behind Brax's, one episode at a time.
@@ -154,4 +161,5 @@ def _made(name: str, own: tuple[str, ...], **keywords: Any) -> Env:
     task, params = make(name, **{key: x for key, x in keywords.items() if key in own})
     params = params.replace(**{key: x for key, x in keywords.items() if key not in own})
     length, shown = int(getattr(params, LIMIT)), SHOWN.get(name, ((), ()))
-    return kind_of(name, task, params)(task, params, length, shown=shown)
+    names = ACTION_NAMES.get(name, ())
+    return kind_of(name, task, params)(task, params, length, names, shown)
