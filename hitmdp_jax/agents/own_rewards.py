@@ -10,7 +10,12 @@ from hitmdp_jax.agents.gradient_agent import ScaledAgent
 from hitmdp_jax.agents.hit_policy import HitPolicy
 from hitmdp_jax.envs.option_rewards import LEARNED
 from hitmdp_jax.learning.advantages import generalized_advantages
-from hitmdp_jax.learning.options import at_option, change_under_option, standardize_by_option
+from hitmdp_jax.learning.options import (
+    at_option,
+    change_under_option,
+    even_weights,
+    standardize_by_option,
+)
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
 
@@ -36,8 +41,12 @@ class OwnRewards(HitPolicy, ScaledAgent):
         """Return what `own_loss` reads, [T, B, ...], and the actions' advantage."""
         advantage, target = self.own_advantages(params, batch)
         advantage = standardize_by_option(advantage, batch.record, self.num_options)
-        change = {"change": self.change(batch)} if LEARNED in self.option_rewards else {}
-        return {"advantage_action": advantage, "own_target": target} | change
+        targets = {"advantage_action": advantage, "own_target": target}
+        if LEARNED in self.option_rewards:
+            # p(o) is uniform: without the weights, q would follow the options that are used most.
+            weight = even_weights(batch.record, self.num_options)
+            targets |= {"change": self.change(batch), "option_weight": weight}
+        return targets
 
     def own_loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return the error of the own critic of a minibatch, and that of q where it learns."""
@@ -45,8 +54,9 @@ class OwnRewards(HitPolicy, ScaledAgent):
         loss, _ = self.value_loss(params, q, data, "own_target", "own_critic")
         if LEARNED not in self.option_rewards:
             return loss, {}
-        told = at_option(self.log_posterior(params, data["change"]), data["option"]).mean()
-        return loss - told, {"learned_information": told + jnp.log(self.num_options)}
+        told = at_option(self.log_posterior(params, data["change"]), data["option"])
+        loss -= (data["option_weight"] * told).mean()
+        return loss, {"learned_information": told.mean() + jnp.log(self.num_options)}
 
     def own_advantages(self, params: Any, batch: Batch) -> tuple[jax.Array, jax.Array]:
         """Return GAE [T, B] of the actions by their options' own rewards, and the critic's targets.
@@ -95,7 +105,7 @@ class OwnRewards(HitPolicy, ScaledAgent):
         return jax.nn.log_softmax(self.posterior_scale * along)
 
     def change(self, batch: Batch) -> jax.Array:
-        """Return where the option in charge led, s_{t+n} - s_t [T, B, O] in normalised units."""
+        """Return where the option in charge leads in `learned_steps`, [T, B, O], normalised."""
         ended = batch.terminated | batch.truncated
         return change_under_option(
             batch.obs, batch.next_obs, batch.record, ended, self.learned_steps

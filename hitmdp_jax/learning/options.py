@@ -131,9 +131,10 @@ def standardize_by_option(x: jax.Array, option: jax.Array, num_options: int) -> 
 def change_under_option(
     obs: jax.Array, next_obs: jax.Array, option: jax.Array, ended: jax.Array, steps: int
 ) -> jax.Array:
-    """Return what an option changed in the next steps, s_{t+n} - s_t, [T, B, O].
+    """Return what an option changes in some steps, (s_{t+n} - s_t) steps / n, [T, B, O].
 
-    n is `steps`, or less where the option is left, the episode ends or the rollout does.
+    n is `steps`, or less where the option is left, the episode ends or the rollout does. There the
+    change is taken to go on at the same pace, so that being left early costs an option nothing.
 
     Args:
       obs: [T, B, O], s_t.
@@ -143,11 +144,22 @@ def change_under_option(
       steps: at least 1.
     """
     last = (ended | (option != jnp.roll(option, -1, axis=0))).at[-1].set(True)
-    reached, goes_on = next_obs, ~last
+    reached, goes_on, taken = next_obs, ~last, jnp.ones(last.shape)
     for n in range(1, steps):
         reached = jnp.where(goes_on[..., None], jnp.roll(next_obs, -n, axis=0), reached)
+        taken = jnp.where(goes_on, n + 1.0, taken)
         goes_on &= ~jnp.roll(last, -n, axis=0)
-    return reached - obs
+    return (reached - obs) * (steps / taken)[..., None]
+
+
+def even_weights(option: jax.Array, num_options: int, least: float = 0.02) -> jax.Array:
+    """Return weights [T, B] of options [T, B] under which each option counts the same.
+
+    An option's weight is 1 / (K share), where `share` is its part of all steps. An option that has
+    less than the share `least` is weighted as if it had that one.
+    """
+    share = jax.nn.one_hot(option, num_options, dtype=jnp.float32).mean((0, 1))
+    return at_option(1.0 / (num_options * jnp.maximum(share, least)), option)
 
 
 def expected_value(log_probs: jax.Array, q: jax.Array) -> jax.Array:

@@ -167,7 +167,7 @@ class TestLearnedReward:
         return Compiled(self.AGENT)
 
     def test_where_an_option_led_ends_with_the_option(self, agent, batch):
-        """By a loop: three steps on, or as far as option, episode and rollout go."""
+        """By a loop: three steps on, or as far as option, episode and rollout go at their pace."""
         found = agent.change(batch)
         ended = batch.terminated | batch.truncated
         for t, b in np.ndindex(T, B):
@@ -179,7 +179,7 @@ class TestLearnedReward:
                 and batch.record[last + 1, b] == batch.record[t, b]
             ):
                 last += 1
-            expected = batch.next_obs[last, b] - batch.obs[t, b]
+            expected = (batch.next_obs[last, b] - batch.obs[t, b]) * 3 / (last - t + 1)
             np.testing.assert_allclose(found[t, b], expected, atol=1e-6)
 
     def test_it_is_what_the_change_tells_of_the_option(self, agent, batch):
@@ -229,11 +229,14 @@ class TestLearnedReward:
         log_q = np.asarray(agent.log_posterior(params, data["change"]))
         told = np.take_along_axis(log_q, data["option"][:, None], axis=-1).mean()
         np.testing.assert_allclose(metrics["learned_information"], told + np.log(K), rtol=1e-4)
+        share = np.bincount(data["option"], minlength=K) / len(data["option"])
+        assert 0.02 < share.min() < share.max()  # so that weights differ, and none is cut off
         gradient = compiled(jax.grad(lambda p: agent.loss(p, data)[0]))(params)["directions"]
 
         def cross_entropy(params):
             log_q = agent.log_posterior(params, data["change"])
-            return -jnp.take_along_axis(log_q, data["option"][:, None], axis=-1).mean()
+            told = jnp.take_along_axis(log_q, data["option"][:, None], axis=-1)[:, 0]
+            return -(told / (K * share[data["option"]])).mean()
 
         expected = compiled(jax.grad(cross_entropy))(params)["directions"]
         jax.tree.map(

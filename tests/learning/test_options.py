@@ -5,6 +5,7 @@ import pytest
 from hitmdp_jax.learning.options import (
     OptionMemory,
     at_option,
+    even_weights,
     mean_duration,
     option_statistics,
     option_transition,
@@ -117,3 +118,13 @@ def test_an_infinity_elsewhere_does_no_harm():
     value, slope = compiled(jax.value_and_grad(at_option))(values, 1)
     assert value == 2.0
     np.testing.assert_array_equal(slope, [0.0, 1.0])
+
+
+def test_under_even_weights_each_option_counts_the_same():
+    """Also one that is rare, as long as it has two steps of a hundred."""
+    option = np.repeat([0, 1, 2, 3], [150, 40, 6, 4]).reshape(2, 100)
+    weights = np.asarray(even_weights(option, 4))
+    np.testing.assert_allclose([weights[option == k].sum() for k in range(4)], 50.0, rtol=1e-5)
+    rare = np.repeat([0, 1], [99, 1])[None]
+    np.testing.assert_allclose(even_weights(rare, 2)[0, -1], 1 / (2 * 0.02), rtol=1e-5)
+    np.testing.assert_allclose(even_weights(np.zeros((1, 9), int), 4), 0.25, rtol=1e-5)
