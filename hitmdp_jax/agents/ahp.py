@@ -1,6 +1,6 @@
 """AHP: the Augmented Hierarchical Policy (Levy & Shimkin 2011), optimised by PPO."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import distrax
 import jax
@@ -30,6 +30,8 @@ class AHP(ClippedOptionAgent):
 
     The record is (o_t, b_t).
     """
+
+    followed: ClassVar[tuple[str, ...]] = ("joint_kl",)
 
     @property
     def num_values(self) -> int:
@@ -101,4 +103,5 @@ class AHP(ClippedOptionAgent):
         )
         value = self.value(heads, data["memory"])
         value_loss = 0.5 * jnp.square(value - data["value_target"]).mean()
-        return value_loss - surrogate, metrics | {"value_loss": value_loss}
+        loss = self.in_units(params, value_loss) - surrogate
+        return loss, metrics | {"value_loss": value_loss}

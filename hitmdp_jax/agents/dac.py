@@ -5,10 +5,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from hitmdp_jax.agents.base import LearnerState, static, traced
+from hitmdp_jax.agents.base import static, traced
+from hitmdp_jax.agents.gradient_agent import ClippedState
 from hitmdp_jax.agents.option_agent import ClippedOptionAgent
 from hitmdp_jax.learning.options import at_option, entropy, expected_value
-from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
 
 
@@ -32,15 +32,12 @@ class DAC(ClippedOptionAgent):
     entropy_weight: float = traced(0.01)  # of P(o | s, o_{t-1}), in the high loss
     num_epochs: int = static(5)  # of each MDP
 
-    def update(
-        self, state: LearnerState, batch: Batch, key: jax.Array
-    ) -> tuple[LearnerState, Metrics]:
-        """Evaluate the rollout, then run PPO on the high MDP and on the low one."""
-        data, metrics = self.targets(state.params, batch.normalized())
+    def learn(self, state: ClippedState, data: Any, key: jax.Array) -> tuple[ClippedState, Metrics]:
+        """Run PPO on the high MDP and then on the low one."""
         key_high, key_low = jax.random.split(key)
         state, high = self.optimize(self.high_loss, state, data, key_high)
         state, low = self.optimize(self.low_loss, state, data, key_low)
-        return state, metrics | high | low | {"loss": high["loss"] + low["loss"]}
+        return state, high | low | {"loss": high["loss"] + low["loss"]}
 
     def high_loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return a minibatch's loss in the high MDP: surrogate, entropy, squared error of V."""
@@ -56,7 +53,8 @@ class DAC(ClippedOptionAgent):
         value = expected_value(data["log_option"], heads.value)
         value_loss = 0.5 * jnp.square(value - data["value_target"]).mean()
         bonus = self.entropy_weight * entropy(log_option).mean()
-        return value_loss - surrogate - bonus, metrics | {"value_loss": value_loss}
+        loss = self.in_units(params, value_loss) - surrogate - bonus
+        return loss, metrics | {"value_loss": value_loss}
 
     def low_loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return a minibatch's loss in the low MDP: surrogate, squared error of Q."""
@@ -67,4 +65,4 @@ class DAC(ClippedOptionAgent):
         )
         q = at_option(heads.value, data["option"])
         q_loss = 0.5 * jnp.square(q - data["q_target"]).mean()
-        return q_loss - surrogate, metrics | {"q_loss": q_loss}
+        return self.in_units(params, q_loss) - surrogate, metrics | {"q_loss": q_loss}

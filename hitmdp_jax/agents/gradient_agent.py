@@ -12,7 +12,7 @@ from hitmdp_jax.agents.base import Agent, LearnerState, static, traced
 from hitmdp_jax.checks import divisor_below
 from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.errors import UsageError
-from hitmdp_jax.learning.advantages import deviation, discounted_returns, generalized_advantages
+from hitmdp_jax.learning.advantages import discounted_returns, generalized_advantages
 from hitmdp_jax.learning.optimization import Loss, adam, minibatch_epochs
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.learning.schedules import SCHEDULES, anneal
@@ -93,16 +93,31 @@ class GradientAgent(Agent):
         )
 
 
+class ClippedState(LearnerState):
+    """What an update of a clipped agent changes."""
+
+    rate_share: jax.Array  # of the learning rate: moves no policy by more than `target_kl`
+
+
 class ClippedAgent(GradientAgent):
     """An agent that climbs clipped surrogates of a rollout in epochs of minibatches, as PPO does.
 
-    Another objective is another `surrogate`.
+    Another objective is another `surrogate`. Steps may fit the task: all in KL, by `target_kl`, and
+    the critic's in units of returns, with `normalize_values`.
     """
 
     gae_lambda: float = traced(0.95, high=1.0)
     clip_eps: float = traced(0.2, infinite=True)
     num_epochs: int = static(10)
     minibatch_size: int = static(64)
+    target_kl: float = traced(0.02, infinite=True)  # nats, of the mean over an update's minibatches
+    normalize_values: bool = static(True)
+    value_decay: float = traced(0.03, high=1.0)  # an update's, with normalize_values
+
+    def init(self, key: jax.Array, spec: Spec) -> ClippedState:
+        """Return new parameters and optimiser state for a task, and the whole learning rate."""
+        new = super().init(key, spec)
+        return ClippedState(new.params, new.opt_state, jnp.ones((), jnp.float32))
 
     def check_batch(self, num_samples: int, spelled: str = "num_samples") -> None:
         """Reject a number of samples that minibatches do not divide."""
@@ -152,45 +167,20 @@ class ClippedAgent(GradientAgent):
         )
         return state.replace(params=params, opt_state=opt_state), diagnostics
 
-
-class ScaledState(LearnerState):
-    """What an update of a scaled agent changes."""
-
-    rate_share: jax.Array  # of the learning rate: moves no policy by more than `target_kl`
-
-
-class ScaledAgent(ClippedAgent):
-    """A clipped agent whose steps fit the task: its critic's in units of returns, and all in KL.
-
-    It has a `networks.Critic`, fitted to `value_target`.
-    """
-
-    entropy_weight: float = traced(0.0)  # a_H
-    target_kl: float = traced(0.02, infinite=True)  # nats, of the mean over an update's minibatches
-    normalize_values: bool = static(True)
-    value_decay: float = traced(0.03, high=1.0)  # an update's, with normalize_values
-
-    def init(self, key: jax.Array, spec: Spec) -> ScaledState:
-        """Return new parameters and optimiser state for a task, and the whole learning rate."""
-        new = super().init(key, spec)
-        return ScaledState(new.params, new.opt_state, jnp.ones((), jnp.float32))
-
-    def bonus(self, advantage: jax.Array) -> jax.Array:
-        """Return the weight [T, B] of an entropy in a loss that has the standardised advantage.
-
-        The entropy in the reward carries what actions do to later entropies, and not its own
-        gradient (docs/errata.md, 16).
-        """
-        return jnp.full_like(advantage, self.entropy_weight / deviation(advantage))
-
     def rescaled(
-        self, state: ScaledState, value_target: jax.Array, critic: str = "critic"
-    ) -> ScaledState:
+        self, state: ClippedState, value_target: jax.Array, critic: str = "critic"
+    ) -> ClippedState:
         """Return the state with a critic in the units of what it is about to be fitted to."""
         if not self.normalize_values:
             return state
         changed = decay(rescale(state.params[critic], value_target), self.value_decay)
         return state.replace(params=state.params | {critic: changed})
+
+    def in_units(self, params: Any, squared_error: jax.Array, critic: str = "critic") -> jax.Array:
+        """Return a squared error of a critic's values in the critic's own units."""
+        if not self.normalize_values:
+            return squared_error
+        return squared_error / jnp.square(params[critic]["scale"])
 
     def value_loss(
         self,
@@ -205,4 +195,4 @@ class ScaledAgent(ClippedAgent):
         loss = 0.5 * jnp.square(error).mean()
         explained = 1.0 - error.var() / data[target].var()
         metrics = {"value_loss": loss, "explained_variance": explained}
-        return loss / jnp.square(params[critic]["scale"]), metrics
+        return self.in_units(params, loss, critic), metrics

@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import static, traced
-from hitmdp_jax.agents.gradient_agent import ScaledState
+from hitmdp_jax.agents.gradient_agent import ClippedState
 from hitmdp_jax.agents.own_rewards import OwnRewards
-from hitmdp_jax.learning.advantages import standardize
+from hitmdp_jax.learning.advantages import in_deviations, standardize
 from hitmdp_jax.learning.mutual_information import action_information
 from hitmdp_jax.learning.optimization import adapted_share
 from hitmdp_jax.learning.options import (
@@ -73,8 +73,8 @@ class MOPG(OwnRewards):
         return changed.replace(entropy_weight=entropy_weight, prior_weight=prior_weight)
 
     def update(
-        self, state: ScaledState, batch: Batch, key: jax.Array
-    ) -> tuple[ScaledState, Metrics]:
+        self, state: ClippedState, batch: Batch, key: jax.Array
+    ) -> tuple[ClippedState, Metrics]:
         """Learn from one rollout, in this order."""
         # What the rollout says of both policies and the critic, as they were when it was made.
         data, metrics = self.targets(state.params, batch.normalized())
@@ -129,8 +129,8 @@ class MOPG(OwnRewards):
             "log_prob_action": policy.log_prob(batch.action),
             "advantage_option": standardize(advantage_option),
             "advantage_action": standardize(credit_action),
-            "entropy_weight_option": self.bonus(advantage_option),
-            "entropy_weight_action": self.bonus(credit_action),
+            "entropy_weight_option": in_deviations(self.entropy_weight, advantage_option),
+            "entropy_weight_action": in_deviations(self.entropy_weight, credit_action),
             "value_target": advantage_action + q,
         }
         data |= self.own_targets(params, batch) if self.option_rewards else {}

@@ -1,14 +1,16 @@
 """What the five option baselines share: the network, the memory and how an option is drawn."""
 
-from typing import Any
+import math
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 from flax import struct
 
-from hitmdp_jax.agents.base import LearnerState, static
-from hitmdp_jax.agents.gradient_agent import ClippedAgent, GradientAgent
+from hitmdp_jax.agents.base import static, traced
+from hitmdp_jax.agents.gradient_agent import ClippedAgent, ClippedState, GradientAgent
 from hitmdp_jax.learning.advantages import standardize
+from hitmdp_jax.learning.optimization import adapted_share
 from hitmdp_jax.learning.options import (
     OptionMemory,
     at_option,
@@ -51,6 +53,11 @@ class OptionAgent(GradientAgent):
         """Return the number of the critic's outputs: Q[s, o] of each option."""
         return self.num_options
 
+    @property
+    def scaled(self) -> bool:
+        """Return whether the critic has units of its own."""
+        return False
+
     def network(self) -> OptionNetwork:
         """Return the network for the task's actions."""
         return OptionNetwork(
@@ -60,6 +67,7 @@ class OptionAgent(GradientAgent):
             self.hidden_sizes,
             self.activation,
             self.reads,
+            self.scaled,
         )
 
     def heads(self, params: Any, obs: jax.Array) -> OptionHeads:
@@ -160,21 +168,39 @@ class OptionAgent(GradientAgent):
 class ClippedOptionAgent(OptionAgent, ClippedAgent):
     """An option agent whose policies PPO optimises.
 
-    An algorithm is its `targets` and its `loss`, or an `update` of its own.
+    An algorithm is its `targets` and its `loss`, or an `update` of its own. No paper of these
+    algorithms adapts the steps to the task as our MOPG and PPO do, so that is off by default.
     """
+
+    target_kl: float = traced(math.inf, infinite=True)
+    normalize_values: bool = static(False)
+    followed: ClassVar[tuple[str, ...]] = ("option_kl", "action_kl")  # by the learning rate
+
+    @property
+    def scaled(self) -> bool:
+        """Return whether the critic has units of its own."""
+        return self.normalize_values
 
     def loss(self, params: Any, data: dict[str, Any]) -> tuple[jax.Array, Metrics]:
         """Return the loss of a minibatch [N, ...], and metrics."""
         raise NotImplementedError("an algorithm has a `loss`, or an `update` that needs none")
 
     def update(
-        self, state: LearnerState, batch: Batch, key: jax.Array
-    ) -> tuple[LearnerState, Metrics]:
+        self, state: ClippedState, batch: Batch, key: jax.Array
+    ) -> tuple[ClippedState, Metrics]:
         """Evaluate the rollout, then learn from it."""
         data, metrics = self.targets(state.params, batch.normalized())
         data, metrics = in_32_bits((data, metrics))  # Distrax's entropy is not
-        state, learned = self.optimize(self.loss, state, data, key)
-        return state, metrics | learned
+        state = self.rescaled(state, data["value_target"])
+        rate = state.rate_share * self.learning_rate
+        state, learned = self.replace(learning_rate=rate).learn(state, data, key)
+        kl = jnp.stack([learned[name] for name in self.followed]).max()
+        share = adapted_share(state.rate_share, kl, self.target_kl)
+        return state.replace(rate_share=share), metrics | learned | {"learning_rate": rate}
+
+    def learn(self, state: ClippedState, data: Any, key: jax.Array) -> tuple[ClippedState, Metrics]:
+        """Run the epochs of an update."""
+        return self.optimize(self.loss, state, data, key)
 
     def advantage_and_return(
         self, batch: Batch, value: jax.Array, value_next: jax.Array

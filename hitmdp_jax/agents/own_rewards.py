@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from hitmdp_jax.agents.base import static, traced
-from hitmdp_jax.agents.gradient_agent import ScaledAgent
+from hitmdp_jax.agents.gradient_agent import ClippedAgent
 from hitmdp_jax.agents.hit_policy import HitPolicy
 from hitmdp_jax.envs.option_rewards import LEARNED
 from hitmdp_jax.learning.advantages import generalized_advantages
@@ -20,7 +20,7 @@ from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
 
 
-class OwnRewards(HitPolicy, ScaledAgent):
+class OwnRewards(HitPolicy, ClippedAgent):
     """An agent of HiT-MDPs whose options may learn from rewards of their own.
 
     With n `option_rewards`, names of what the task offers (`envs.option_rewards`), option k learns

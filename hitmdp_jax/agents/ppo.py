@@ -6,9 +6,9 @@ import flax.linen as nn
 import jax
 
 from hitmdp_jax.agents.base import traced
-from hitmdp_jax.agents.gradient_agent import ScaledAgent, ScaledState
+from hitmdp_jax.agents.gradient_agent import ClippedAgent, ClippedState
 from hitmdp_jax.envs.spec import Action
-from hitmdp_jax.learning.advantages import standardize
+from hitmdp_jax.learning.advantages import in_deviations, standardize
 from hitmdp_jax.learning.optimization import adapted_share
 from hitmdp_jax.learning.rollout import Batch
 from hitmdp_jax.metrics import Metrics
@@ -37,12 +37,13 @@ class PPONetwork(nn.Module):
         return self.decoder(read(obs, self.reads.action)), self.critic(read(obs, self.reads.critic))
 
 
-class PPO(ScaledAgent):
+class PPO(ClippedAgent):
     """Learns one policy by the clipped surrogate. It has no memory.
 
     Sizes and hyperparameters equal MOPG's, so that the two differ in the options alone.
     """
 
+    entropy_weight: float = traced(0.0)  # a_H
     initial_log_std: float = traced(-0.5, low=-10.0, high=10.0)
 
     def network(self) -> PPONetwork:
@@ -73,8 +74,8 @@ class PPO(ScaledAgent):
         return (policy.mode() if deterministic else policy.sample(seed=key)), memory, ()
 
     def update(
-        self, state: ScaledState, batch: Batch, key: jax.Array
-    ) -> tuple[ScaledState, Metrics]:
+        self, state: ClippedState, batch: Batch, key: jax.Array
+    ) -> tuple[ClippedState, Metrics]:
         """Learn from one rollout, in this order."""
         # What the rollout says of the policy and the critic, as they were when it was made.
         data, metrics = self.targets(state.params, batch.normalized())
@@ -100,7 +101,7 @@ class PPO(ScaledAgent):
             "action": batch.action,
             "log_prob": policy.log_prob(batch.action),
             "advantage": standardize(advantage),
-            "entropy_weight": self.bonus(advantage),
+            "entropy_weight": in_deviations(self.entropy_weight, advantage),
             "value_target": advantage + value,
         }
         return data, {"action_entropy": entropy.mean(), "value": value.mean()}

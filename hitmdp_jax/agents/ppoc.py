@@ -50,7 +50,8 @@ class PPOC(ClippedOptionAgent):
             heads.termination, heads.value, value, memory, self.termination_regularizer
         ).mean()
         bonus = self.entropy_weight * entropy(heads.log_master).mean()
-        loss = value_loss + termination - surrogate_action - surrogate_option - bonus
+        error = self.in_units(params, value_loss)
+        loss = error + termination - surrogate_action - surrogate_option - bonus
         losses = {"value_loss": value_loss, "termination_loss": termination}
         return loss, of_options | of_actions | losses
 

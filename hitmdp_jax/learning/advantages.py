@@ -92,6 +92,15 @@ def deviation(x: jax.Array) -> jax.Array:
     return x.std() + 1e-8
 
 
+def in_deviations(weight: jax.Array | float, advantage: jax.Array) -> jax.Array:
+    """Return the weight [T, B] of an entropy in a loss that has the standardised advantage [T, B].
+
+    The entropy in the reward carries what actions do to later entropies, and not its own gradient
+    (docs/errata.md, 16).
+    """
+    return jnp.full_like(advantage, weight / deviation(advantage))
+
+
 def standardize(x: jax.Array) -> jax.Array:
     """Return x with mean 0 and standard deviation 1 over all its entries."""
     return (x - x.mean()) / deviation(x)

@@ -61,9 +61,14 @@ class Critic(nn.Module):
         """Map `MLP`'s arguments to values [...]."""
         features = MLP(self.sizes, self.activation, name="body")(obs, *option)
         value = nn.Dense(1, kernel_init=orthogonal(1.0), name="value")(features).squeeze(-1)
-        shift = self.param("shift", nn.initializers.zeros, (), jnp.float32)
-        scale = self.param("scale", nn.initializers.ones, (), jnp.float32)
-        return jax.lax.stop_gradient(shift) + jax.lax.stop_gradient(scale) * value
+        return in_units_of_its_own(self, value)
+
+
+def in_units_of_its_own(critic: nn.Module, value: jax.Array) -> jax.Array:
+    """Return a critic's values, of which its last layer, "value", says how many units they are."""
+    shift = critic.param("shift", nn.initializers.zeros, (), jnp.float32)
+    scale = critic.param("scale", nn.initializers.ones, (), jnp.float32)
+    return jax.lax.stop_gradient(shift) + jax.lax.stop_gradient(scale) * value
 
 
 class ActionCritic(nn.Module):

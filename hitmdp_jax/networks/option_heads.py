@@ -9,6 +9,7 @@ from flax import struct
 
 from hitmdp_jax.envs.spec import Action, Box
 from hitmdp_jax.networks.action_heads import distribution
+from hitmdp_jax.networks.decoders import in_units_of_its_own
 from hitmdp_jax.networks.mlp import MLP, orthogonal
 from hitmdp_jax.networks.reads import Reads, read
 
@@ -36,17 +37,20 @@ class OptionHeads(struct.PyTreeNode):
 
 
 class Head(nn.Module):
-    """A body of its own and one linear layer."""
+    """A body of its own and one linear layer, `scaled` as that of `networks.Critic`."""
 
     size: int
     hidden_sizes: tuple[int, ...]
     activation: str
+    scaled: bool = False
 
     @nn.compact
     def __call__(self, obs: jax.Array) -> jax.Array:
         """Map observations [..., O] to outputs [..., size]."""
         features = MLP(self.hidden_sizes, self.activation, gain=1.0, name="body")(obs)
-        return nn.Dense(self.size, kernel_init=orthogonal(HEAD_GAIN), name="output")(features)
+        name = "value" if self.scaled else "output"
+        output = nn.Dense(self.size, kernel_init=orthogonal(HEAD_GAIN), name=name)(features)
+        return in_units_of_its_own(self, output) if self.scaled else output
 
 
 class OptionNetwork(nn.Module):
@@ -64,6 +68,7 @@ class OptionNetwork(nn.Module):
       hidden_sizes: widths of each body.
       activation: a name of `mlp.ACTIVATIONS`.
       reads: what of the observation; the terminations read what the master does.
+      scaled: whether the critic has units of its own (`learning.value_scale`).
     """
 
     actions: Action
@@ -72,6 +77,7 @@ class OptionNetwork(nn.Module):
     hidden_sizes: tuple[int, ...]
     activation: str
     reads: Reads = Reads()
+    scaled: bool = False
 
     @nn.compact
     def __call__(self, obs: jax.Array) -> OptionHeads:
@@ -94,5 +100,5 @@ class OptionNetwork(nn.Module):
             action, std = jnp.tanh(action), jax.nn.softplus(rho)
         termination = each(1, *body, name="terminations")(choosing).squeeze(-1)
         master = Head(self.num_options, *body, name="master")(choosing)
-        value = Head(self.num_values, *body, name="critic")(judging)
+        value = Head(self.num_values, *body, self.scaled, name="critic")(judging)
         return OptionHeads(action, std, termination, jax.nn.log_softmax(master), value)

@@ -44,14 +44,18 @@ def test_a_step_is_adams_behind_the_gradient_norm_clip(max_grad_norm):
     np.testing.assert_allclose(metrics["loss"], 3.0 + 8.0, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["ppo", "mopg"])
+@pytest.mark.parametrize("name", ["ppo", "mopg", "dac", "ahp", "ppoc", "moc"])
 def test_an_update_that_moves_a_policy_too_far_lowers_the_rate_of_the_next(name):
     """The KL of the policy that moved most counts; the next update is one of the lower rate."""
-    agent = Compiled(AGENTS[name](learning_rate=0.1, minibatch_size=5, num_epochs=2, **SMALL))
+    agent = Compiled(
+        AGENTS[name](learning_rate=0.1, target_kl=0.02, minibatch_size=5, num_epochs=2, **SMALL)
+    )
     state = agent.init(jax.random.key(0), agent.spec)
     batch, key = random_batch(), jax.random.key(1)
     if name == "mopg":
         batch = batch.replace(memory=batch.memory.previous)
+    if name == "ahp":
+        batch = batch.replace(record=(batch.record, batch.record != batch.memory.previous))
     first, metrics = agent.update(state, batch, key)
     kl = max(float(x) for metric, x in metrics.items() if metric.endswith("_kl"))
     assert kl > agent.target_kl

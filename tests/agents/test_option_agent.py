@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from hitmdp_jax.agents import AHP, DAC, PPOC
+from hitmdp_jax.agents import AHP, DAC, MOC, PPOC
 from hitmdp_jax.learning.options import OptionMemory
 from tests.agents.compiled import Compiled
 from tests.agents.option_batches import (
@@ -90,3 +90,47 @@ def test_hidden_sizes_and_activation_shape_every_body(key):
     params = jax.eval_shape(lambda key: agent.init(key, agent.spec), key).params
     assert params["policies"]["body"]["input_0"]["kernel"].shape == (3, O, 8)
     assert params["critic"]["output"]["kernel"].shape == (8, 3)
+
+
+class TestACriticInUnitsOfItsOwn:
+    """`normalize_values`, which our MOPG and PPO have by default and these do not."""
+
+    @pytest.fixture(params=[DAC, AHP, PPOC, MOC])
+    def agent(self, request):
+        return Compiled(request.param(normalize_values=True, value_decay=0.0, **SMALL))
+
+    @pytest.fixture
+    def batch(self, agent):
+        batch = random_batch()
+        stopped = batch.record % 2 == 0
+        return batch.replace(record=(batch.record, stopped)) if agent.num_values > K else batch
+
+    def test_it_takes_the_units_of_its_targets_and_no_value_changes(self, agent, key):
+        state, obs = agent.init(key, agent.spec), normal(np.random.default_rng(1), T, O)
+        target = 1000.0 + 100.0 * normal(np.random.default_rng(2), T, B)
+        changed = agent.rescaled(state, target)
+        critic = changed.params["critic"]
+        assert critic["shift"] == pytest.approx(0.1 * target.mean(), rel=1e-4)
+        assert critic["scale"] > 10.0
+        np.testing.assert_allclose(
+            agent.heads(changed.params, obs).value, agent.heads(state.params, obs).value, atol=1e-3
+        )
+
+    def test_its_error_counts_in_these_units(self, agent, batch):
+        """Under the scale 3, with the same values, a ninth of the squared error is in the loss."""
+        params = random_params(agent)
+        critic = params["critic"] | {"scale": np.float32(1.0)}
+        last = jax.tree.map(lambda x: x / 3.0, critic["value"])
+        wide = critic | {"scale": np.float32(3.0), "value": last}
+        data = jax.tree.map(
+            lambda x: x.reshape(-1, *x.shape[2:]),
+            agent.targets(params | {"critic": critic}, batch)[0],
+        )
+        losses = (
+            (agent.high_loss, agent.low_loss) if isinstance(agent.agent, DAC) else (agent.loss,)
+        )
+        for loss in losses:
+            one, metrics = loss(params | {"critic": critic}, data)
+            three, _ = loss(params | {"critic": wide}, data)
+            error = metrics["value_loss"] if "value_loss" in metrics else metrics["q_loss"]
+            np.testing.assert_allclose(one - three, error * 8 / 9, rtol=1e-3)
