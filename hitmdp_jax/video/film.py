@@ -1,7 +1,6 @@
 """Videos of recorded episodes, written by ffmpeg."""
 
 import contextlib
-import importlib.util
 import itertools
 import math
 import shutil
@@ -10,11 +9,12 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import imageio_ffmpeg
 import numpy as np
 from brax.envs.base import Env
 
 from hitmdp_jax.envs.spec import spec_of
-from hitmdp_jax.errors import UsageError, missing_extra
+from hitmdp_jax.errors import UsageError
 from hitmdp_jax.interpret.episodes import Trajectories
 from hitmdp_jax.runs.folder import replaced
 from hitmdp_jax.video.frames import BORDER, Scene
@@ -57,12 +57,8 @@ def require_ffmpeg() -> str:
     """Return the path of ffmpeg, which writes videos.
 
     Raises:
-      UsageError: it is not installed.
+      UsageError: there is none for this machine.
     """
-    if importlib.util.find_spec("imageio_ffmpeg") is None:
-        raise missing_extra("video", "A video")
-    import imageio_ffmpeg
-
     with contextlib.suppress(RuntimeError):  # none was found
         if named := shutil.which(imageio_ffmpeg.get_ffmpeg_exe()):
             return named
