@@ -2,9 +2,9 @@
 
 `python benchmarks/minatar_ppo.py --seeds 8` trains and prints the mean return of the episodes that
 ended in each 200,000 steps, a column per seed. PureJaxRL is no package that could be installed, so
-this is written anew after its public code (purejaxrl/ppo.py) and its settings for MinAtar: what
-differs from our PPO is clipped values in the critic's loss, orthogonal initial weights, advantages
-standardised per minibatch, entropy in the loss alone, and gymnax's own restart of episodes.
+this is written anew after its public code (purejaxrl/ppo.py) and its settings for MinAtar. From our
+PPO it differs in that it clips values in the critic's loss, standardises advantages in each
+minibatch, has the entropy in the loss alone, and restarts episodes as gymnax does.
 """
 
 import argparse

@@ -78,7 +78,9 @@ def test_a_training_on_mjx_lowers_for_cuda(algo):
     """Nothing in it is for CPUs alone. Whether a GPU then runs it, only a GPU can tell."""
     settings = {"algo": {"name": algo}, "env": {"name": "invertedpendulum"}, "physics": "mjx"}
     run = Run.create(RunConfig.from_mapping(settings))
-    _, step = run.program(0)
+    init, step = run.program(0)
     steps = jax.jit(lambda states: jax.lax.map(step, states))
-    lowered = steps.trace(run.abstract_state(0)).lower(lowering_platforms=("cuda",))
+    # With the replay of those that have one, which `abstract_state` leaves out, as checkpoints do.
+    states = jax.eval_shape(lambda: jax.vmap(init)(run.keys(), run.hyperparameters()))
+    lowered = steps.trace(states).lower(lowering_platforms=("cuda",))
     assert "cusolver" in lowered.as_text()  # the solver's factorisations, in CUDA's library
