@@ -11,14 +11,13 @@ from typing import Any
 
 import jax
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from hitmdp_jax import plugins
 from hitmdp_jax.cli.policies import evaluation_key, load_config, load_named, on_task
 from hitmdp_jax.cli.waiting import working
 from hitmdp_jax.envs.base import has_model
 from hitmdp_jax.errors import UsageError, warn
+from hitmdp_jax.experiments.tables import show
 from hitmdp_jax.interpret.evaluation import (
     Scores,
     check_fit,
@@ -102,22 +101,21 @@ def _show(
     title: str, index: list[str], rows: list[dict[str, Any]], choices: list[dict[str, float]]
 ) -> None:
     """Print the scores, and those under other choices of options where there are any."""
-    console = Console(markup=False, emoji=False)  # names are what they are
     numbers = ["return", "std", "min", "max", "std error", "length"]
     numbers += ["success"] if "success" in rows[0] else []
-    table = Table(*(name.removeprefix(PREFIX) for name in index), *numbers, title=title)
+    table = [[*(name.removeprefix(PREFIX) for name in index), *numbers]]
     for entry in rows:
         numbers = [entry[name] for name in ("return", "std", "min", "max", "std_error")]
         shown = ("-" if x is None else f"{x:,.1f}" for x in numbers)
         more = [f"{entry['length']:.1f}"]
         more += [f"{entry['success']:.0%}"] if "success" in entry else []
-        table.add_row(*(f"{entry[name]:.6g}" for name in index), *shown, *more)
-    console.print(table)
+        table.append([*(f"{entry[name]:.6g}" for name in index), *shown, *more])
+    show(table, title)
     if choices:
-        table = Table("seed", *choices[0], title="by choice of options")
+        table = [["seed", *choices[0]]]
         for entry, choice in zip(rows, choices, strict=True):
-            table.add_row(str(entry["seed"]), *(f"{x:,.1f}" for x in choice.values()))
-        console.print(table)
+            table.append([str(entry["seed"]), *(f"{x:,.1f}" for x in choice.values())])
+        show(table, "by choice of options")
 
 
 def rows_of(

@@ -10,16 +10,26 @@ from rich.table import Table
 
 from hitmdp_jax.runs.folder import write
 
+SPACE = 2  # between two columns
 Rows = Sequence[Sequence[str]]  # the header first
 
 
-def show(rows: Rows) -> None:
-    """Print a table."""
+def show(rows: Rows, title: str | None = None) -> None:
+    """Print a table. No word of it is cut, even if it is wider than the terminal."""
     header, *rest = rows
-    printed = Table(*header)
+    console = Console(markup=False, emoji=False)  # names are what they are
+    table = Table(
+        title=title, title_justify="left", box=None, padding=(0, SPACE, 0, 0), pad_edge=False
+    )
+    widest = [
+        max(map(len, " ".join(column).split()), default=0) for column in zip(*rows, strict=True)
+    ]
+    for name, width in zip(header, widest, strict=True):
+        table.add_column(name, min_width=width)
     for row in rest:
-        printed.add_row(*row)
-    Console(markup=False, emoji=False).print(printed)  # names are what they are
+        table.add_row(*row)
+    needed = sum(widest) + SPACE * len(widest)
+    console.print(table, width=max(console.width, needed), crop=False)
 
 
 def save(rows: Rows, folder: Path, name: str) -> None:

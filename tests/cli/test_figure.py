@@ -55,8 +55,8 @@ def test_a_figure_of_episodes_in_another_task_is_called_after_it(command, run_di
         result = command("figure", "causal", run_dir, "--episodes", "2", *more)
         assert result.returncode == 0, result.stderr
         lines = result.stdout.splitlines()
-        (row,) = [line for line in lines if line.strip("│ ").startswith("own choices")]
-        return lines[-1], float(row.split("│")[2])
+        (row,) = [line for line in lines if line.startswith("own choices")]
+        return lines[-1], float(row.removeprefix("own choices").split()[0])
 
     (_, own), (path, half) = own_choices(), own_choices("--env", halved)
     assert path == str(run_dir / "figures" / "causal_own.Halved.png")
