@@ -19,6 +19,7 @@ OFFERED = {
     "invertedpendulum": ALONG,
     "dmc/cheetah_run": ALONG,
     "trap/cheetah_switch": ALONG,
+    "trap/ant_switch": COMPASS,
     "ant": COMPASS,
     "humanoid": COMPASS,
     "swimmer": COMPASS,

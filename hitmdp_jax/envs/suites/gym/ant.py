@@ -15,6 +15,7 @@ from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 5  # substeps of 0.01 s, RK4
 ROOT_Z = 2  # qpos: height of the torso, m; x and y come before it, its quaternion after it
+ORIENTATION = slice(3, 7)  # qpos: the torso's unit quaternion
 
 # One control step errs by 1.7e-2 in qpos with 3 and 2 iterations as with 100 and 50, by 6e-2 with 2
 # and 2; one iteration is to spare. These errors are no rounding: on a steep capsule MJX lays the
@@ -118,6 +119,12 @@ class Ant(HealthyTask):
     def _contact_forces(self, data: PhysicsState) -> jax.Array:
         """Return the clipped external torque and force on each body [14, 6], N m and N."""
         return jnp.clip(data["cfrc_ext"], *self.contact_force_range)
+
+
+def on_its_back(data: PhysicsState) -> jax.Array:
+    """Return whether the torso's own upward axis points below the horizon."""
+    _, x, y, _ = data.qpos[ORIENTATION]
+    return x**2 + y**2 > 0.5
 
 
 def find_body(model: mujoco.MjModel, body: int | str) -> int:

@@ -6,7 +6,8 @@ SUITE = Suite(
     prefix="trap/",
     folder=__name__,
     tasks={
-        "cheetah_switch": "cheetah:CheetahSwitch",
+        "cheetah_switch": "switch:CheetahSwitch",
+        "ant_switch": "switch:AntSwitch",
         "point": "pocket:PointPocket",
         "point_long": "pocket:PointLongPocket",
         "ant": "pocket:AntPocket",

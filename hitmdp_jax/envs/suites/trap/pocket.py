@@ -13,6 +13,7 @@ from hitmdp_jax.envs.suites.maze.ant import AntUMaze
 from hitmdp_jax.envs.suites.maze.maps import Maze
 from hitmdp_jax.envs.suites.maze.maze import GOAL, NOISE, POSITION, MazeEnv, RewardType
 from hitmdp_jax.envs.suites.maze.point import BALL, MJX_BUDGET, PointMaze
+from hitmdp_jax.envs.suites.trap.ant import TrappedAnt, integrate_by_euler
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 FRAME_SKIP = 5  # substeps of 0.01 s of the ball, which moves 0.25 m in a step at most
@@ -123,11 +124,12 @@ class PointLongPocket(PointPocket):
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)
-class AntPocket(PocketEnv, AntUMaze):
+class AntPocket(TrappedAnt, PocketEnv, AntUMaze):
     """Walk the ant around the pocket to the goal; cells are 4 m wide.
 
-    The ant is that of `AntUMaze`. The goal is 24 m away, the way round is 48 m long, and the time
-    limit is 1000 steps of 0.05 s.
+    The ant is that of `AntUMaze`, but on its back it ends the episode, and its motion is integrated
+    by Euler's method (`TrappedAnt`). The goal is 24 m away, the way round is 48 m long, and the
+    time limit is 1000 steps of 0.05 s.
 
     Args:
       **keywords: see `PocketEnv`.
@@ -138,6 +140,11 @@ class AntPocket(PocketEnv, AntUMaze):
     episode_length = 1000
 
     include_cfrc_ext_in_observation: bool = False
+
+    @classmethod
+    def _edit(cls, spec: mujoco.MjSpec) -> None:
+        super()._edit(spec)
+        integrate_by_euler(spec)
 
 
 @dataclasses.dataclass(eq=False, repr=False, kw_only=True)

@@ -1,8 +1,8 @@
-"""`CheetahSwitch`: the goal in front counts only after a switch behind was touched."""
+"""Switches: the goal in front counts only after a switch behind was touched."""
 
 import dataclasses
 import functools
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import jax
 import jax.numpy as jnp
@@ -10,32 +10,34 @@ import mujoco
 from brax.envs.base import State
 
 from hitmdp_jax.envs.assets import load_gymnasium_model
-from hitmdp_jax.envs.base import Drawn, MujocoEnv, Parts
+from hitmdp_jax.envs.base import Drawn, MujocoEnv, Parts, SolverBudget
 from hitmdp_jax.envs.spec import Spec
+from hitmdp_jax.envs.suites.gym import ant
 from hitmdp_jax.envs.suites.gym.half_cheetah import HalfCheetah
 from hitmdp_jax.envs.suites.gym.initial import normal_velocity_around_rest
+from hitmdp_jax.envs.suites.trap.ant import TrappedAnt, integrate_by_euler
 from hitmdp_jax.errors import out_of_domain
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 
 ROOT_X = 0  # qpos: the torso's x, m
 TOUCHED = "touched"  # in `State.info`: 1 once the switch was touched
 GOAL_REWARD = 20.0
-STEPS_PER_METRE = 100  # of the time limit; the way is three times the distance
+
+Reward = Literal["dense", "sparse"]
 
 
 @dataclasses.dataclass(eq=False, repr=False)
-class CheetahSwitch(MujocoEnv):
+class SwitchEnv(MujocoEnv):
     """Run back to a switch, then forward past the start to the goal.
 
-    HalfCheetah stands at x = 0. The goal is at x = `distance`, but it pays (20) and ends the
-    episode only once the robot has been at the switch, at x = -`distance`. "dense" rewards also pay
-    the step's progress towards the goal (m) less 0.01 of the squared action. Running straight to
-    the goal then earns almost `distance`, and waiting there earns nothing more: that is the trap.
+    The robot stands at x = 0. The goal is at x = `distance`, but it pays (20) and ends the episode
+    only once the robot has been at the switch, at x = -`distance`. "dense" rewards also pay the
+    step's progress towards the goal (m) less what the squared action costs. Running straight to the
+    goal then earns almost `distance`, and waiting there earns nothing more: that is the trap.
 
-    Observation [19]: the torso's x (m), HalfCheetah's own 17, and 1 once the switch was touched,
-    else 0; the parts are "place", "body" and "goal". Action [6]: torques in [-1, 1]. The time limit
-    is 100 steps of 0.05 s for each metre of `distance`. `state.metrics["success"]` is 1 where the
-    goal is reached in time.
+    The observation's parts are "place", "body" and "goal": where the torso is, the robot's own, and
+    1 once the switch was touched, else 0. `state.metrics["success"]` is 1 where the goal is reached
+    in time.
 
     Args:
       physics: the engine; see `MujocoEnv`.
@@ -44,19 +46,23 @@ class CheetahSwitch(MujocoEnv):
     """
 
     reward_terms = ("reward_goal", "reward_progress", "reward_ctrl")
+    model_file: ClassVar[str]
+    frame_skip: ClassVar[int]
+    solver_budget: ClassVar[SolverBudget]
+    steps_per_metre: ClassVar[int]  # of the time limit; the way is three times the distance
+    action_cost: ClassVar[float]  # of the squared action
 
     physics: dataclasses.InitVar[PhysicsChoice] = "mjx"  # pyright: ignore
     _: dataclasses.KW_ONLY
     distance: float = 3.0
-    reward_type: Literal["dense", "sparse"] = "dense"
+    reward_type: Reward = "dense"
 
     def __post_init__(self, physics: PhysicsChoice):
         if not self.distance > 0:
             raise out_of_domain("distance", self.distance, "a number above 0, in m")
-        model = load_gymnasium_model("half_cheetah.xml", self._edit)
-        body = HalfCheetah
-        MujocoEnv.__init__(self, model, body.frame_skip, physics, mjx_budget=body.mjx_budget)
-        self.episode_length = max(1, round(STEPS_PER_METRE * self.distance))
+        model = load_gymnasium_model(self.model_file, self._edit)
+        MujocoEnv.__init__(self, model, self.frame_skip, physics, mjx_budget=self.solver_budget)
+        self.episode_length = max(1, round(self.steps_per_metre * self.distance))
 
     def sample_initial(self, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw qpos uniformly and qvel normally around the standing pose."""
@@ -93,7 +99,7 @@ class CheetahSwitch(MujocoEnv):
     @property
     def parts(self) -> Parts:
         """Where the robot is, and whether the goal counts."""
-        return {"place": slice(0, 1), "goal": slice(-1, None)}
+        return {"place": slice(self._places), "goal": slice(-1, None)}
 
     @functools.cached_property
     def spec(self) -> Spec:
@@ -115,9 +121,14 @@ class CheetahSwitch(MujocoEnv):
         dense = self.reward_type == "dense"
         nearer = self._away(before) - self._away(after)
         progress = nearer if dense else zero
-        ctrl = -0.01 * jnp.sum(action**2) if dense else zero
+        ctrl = -self.action_cost * jnp.sum(action**2) if dense else zero
         terms = {"reward_goal": zero, "reward_progress": progress, "reward_ctrl": ctrl}
         return progress + ctrl, terms
+
+    @property
+    def _places(self) -> int:
+        """How many entries of qpos say where the torso is on the floor."""
+        return 1
 
     def _away(self, data: PhysicsState) -> jax.Array:
         return jnp.abs(self.distance - data.qpos[ROOT_X])
@@ -130,3 +141,51 @@ class CheetahSwitch(MujocoEnv):
             ("goal", self.distance, [1.0, 0.2, 0.2, 0.6]),
         ):
             spec.worldbody.add_site(name=name, pos=[x, 0.0, 0.5], rgba=rgba, **box)
+
+
+@dataclasses.dataclass(eq=False, repr=False)
+class CheetahSwitch(SwitchEnv):
+    """`SwitchEnv` with HalfCheetah, whose squared action costs 0.01.
+
+    Observation [19]: the torso's x (m), HalfCheetah's own 17, and whether the switch was touched.
+    Action [6]: torques in [-1, 1]. The time limit is 100 steps of 0.05 s for each metre of
+    `distance`.
+
+    Args:
+      **keywords: see `SwitchEnv`.
+    """
+
+    model_file = "half_cheetah.xml"
+    frame_skip = HalfCheetah.frame_skip
+    solver_budget = HalfCheetah.mjx_budget
+    steps_per_metre = 100
+    action_cost = 0.01
+
+
+@dataclasses.dataclass(eq=False, repr=False)
+class AntSwitch(TrappedAnt, SwitchEnv):
+    """`SwitchEnv` with the ant, whose actions cost nothing.
+
+    Observation [30]: the torso's x and y (m), the 27 of `Ant` without contact forces, and whether
+    the switch was touched. Switch and goal are lines across the floor: y does not matter. Action
+    [8]: torques on hips and ankles in [-1, 1]. The time limit is 200 steps of 0.05 s for each metre
+    of `distance`. An ant on its back ends the episode, and motions are integrated by Euler's method
+    (`TrappedAnt`).
+
+    Args:
+      **keywords: see `SwitchEnv`.
+    """
+
+    model_file = "ant.xml"
+    frame_skip = ant.FRAME_SKIP
+    solver_budget = ant.MJX_BUDGET
+    steps_per_metre = 200
+    action_cost = 0.0
+
+    @property
+    def _places(self) -> int:
+        return 2
+
+    def _edit(self, spec: mujoco.MjSpec) -> None:
+        super()._edit(spec)
+        integrate_by_euler(spec)

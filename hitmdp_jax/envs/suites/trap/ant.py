@@ -1,0 +1,39 @@
+"""What the ants of all traps have in common: they must stay on their feet."""
+
+import jax
+import mujoco
+from brax.envs.base import State
+
+from hitmdp_jax.envs.base import MujocoEnv
+from hitmdp_jax.envs.suites.gym.ant import on_its_back
+from hitmdp_jax.physics import PhysicsState
+
+ON_ITS_FEET = 1.0  # m/s, as `Ant` pays for a healthy step
+
+
+def integrate_by_euler(spec: mujoco.MjSpec) -> None:
+    """Let MuJoCo integrate motions by Euler's method: a quarter of the time of `Ant`'s, RK4."""
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+
+
+class TrappedAnt(MujocoEnv):
+    """An ant whose episode ends when it is on its back.
+
+    Else most of what an untrained ant lives through is lying there. So the rewards for options are
+    the velocities plus 1 m/s for each step, as in `Ant`: falling costs what would have followed.
+    The task pays nothing for that.
+
+    Args:
+      physics: the engine; see `MujocoEnv`.
+    """
+
+    def terminated(self, data: PhysicsState) -> jax.Array:
+        """Return whether the task ends the episode, or the ant is on its back."""
+        return super().terminated(data) | on_its_back(data)
+
+    def option_rewards(
+        self, before: State, action: jax.Array, after: State
+    ) -> dict[str, jax.Array]:
+        """Return the velocities along the directions (m/s), plus 1 for being on its feet."""
+        velocities = super().option_rewards(before, action, after)
+        return {name: velocity + ON_ITS_FEET for name, velocity in velocities.items()}
