@@ -7,19 +7,21 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
-from hitmdp_jax.agents.base import static, traced
+from hitmdp_jax.agents.base import LearnerState, static, traced
 from hitmdp_jax.agents.gradient_agent import GradientAgent
 from hitmdp_jax.envs.option_rewards import LEARNED
-from hitmdp_jax.envs.spec import Action
+from hitmdp_jax.envs.spec import Action, Spec
 from hitmdp_jax.errors import UsageError
 from hitmdp_jax.learning.options import drawn_option, expected_value
 from hitmdp_jax.networks import (
+    INITIALIZATIONS,
     MASTER_POLICIES,
     ActionDecoder,
     Critic,
     OptionDirections,
     OptionEncoder,
     Reads,
+    pytorch_start,
     read,
 )
 
@@ -138,6 +140,9 @@ class HitPolicy(GradientAgent):
     last, and bodies read them divided by it; "normal" is the printed form, W ~ N(0, 1) as it is.
     The action policy and the critic read an option's vector times `option_scale` besides: options
     that start almost alike share what they learn, and part as far as it pays.
+
+    All layers start orthogonal, those of the policies' outputs small; with "pytorch" they start as
+    PyTorch's do (`pytorch_start`), and with them the paper's.
     """
 
     similarity: float = traced(0.75)  # c, the weight of the similarity logits
@@ -149,6 +154,7 @@ class HitPolicy(GradientAgent):
     initial_option: str = static("uniform", INITIAL_OPTIONS)
     value_order: int = static(1)
     embeddings: str = static("equal", EMBEDDINGS)
+    initialization: str = static("orthogonal", INITIALIZATIONS)
     master_reads: tuple[str, ...] = static((), of=str)
 
     def __post_init__(self) -> None:
@@ -159,6 +165,13 @@ class HitPolicy(GradientAgent):
                 f"value_order = {self.value_order} of num_options = {self.num_options} makes "
                 f"{self.num_options}^{self.value_order} memories, more than 2^31: lower one."
             )
+
+    def init(self, key: jax.Array, spec: Spec) -> LearnerState:
+        """Return new parameters and optimiser state for a task."""
+        new = super().init(key, spec)
+        if self.initialization == "orthogonal":
+            return new
+        return new.replace(params=pytorch_start(new.params, jax.random.fold_in(key, 1)))
 
     def network(self) -> HitNetwork:
         """Return the network for the task's actions."""

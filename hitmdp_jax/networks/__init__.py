@@ -2,6 +2,7 @@
 
 from hitmdp_jax.networks.decoders import ActionCritic, ActionDecoder, Critic
 from hitmdp_jax.networks.directions import OptionDirections
+from hitmdp_jax.networks.initialization import INITIALIZATIONS, pytorch_start
 from hitmdp_jax.networks.mlp import MLP
 from hitmdp_jax.networks.option_encoder import MASTER_POLICIES, OptionEncoder
 from hitmdp_jax.networks.option_heads import OptionHeads, OptionNetwork
@@ -9,6 +10,7 @@ from hitmdp_jax.networks.reads import Reads, read
 from hitmdp_jax.networks.squashed import SquashedHead, TanhGaussian
 
 __all__ = [
+    "INITIALIZATIONS",
     "MASTER_POLICIES",
     "MLP",
     "ActionCritic",
@@ -21,5 +23,6 @@ __all__ = [
     "Reads",
     "SquashedHead",
     "TanhGaussian",
+    "pytorch_start",
     "read",
 ]
