@@ -14,7 +14,7 @@ from hitmdp_jax.training.program import make_train
 from tests.agents.compiled import Compiled
 from tests.agents.option_batches import SMALL, B, K, T, flatten, normal, random_batch, random_params
 from tests.learning.test_advantages import advantages_by_loop
-from tests.programs import compiled
+from tests.programs import OPTIMIZED, compiled
 
 REWARDS = ("left", "right")
 AGENT = MOPG(option_rewards=REWARDS, switching_cost=0.0, usage_weight=0.0, own_gamma=0.9, **SMALL)
@@ -272,7 +272,7 @@ def test_options_with_rewards_of_their_own_leave_the_pocket_and_ppo_does_not():
     def success(agent):
         keys = jax.random.split(jax.random.key(7), 2)
         run = jax.vmap(lambda key: train(agent, env, key, num_steps=122_880)[1])
-        metrics = jax.jit(run)(keys)
+        metrics = jax.jit(run, compiler_options=OPTIMIZED)(keys)
         return np.nanmean(np.asarray(metrics["success"])[:, -8:], axis=1)
 
     assert (success(exploring) > 0.5).all()

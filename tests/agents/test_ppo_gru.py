@@ -8,6 +8,7 @@ from hitmdp_jax.agents import PPO, PPOGRU
 from hitmdp_jax.envs.suites.toy.cue import Cue
 from tests.agents.option_batches import normal
 from tests.probes import spec_of_sizes
+from tests.programs import OPTIMIZED
 
 SIZES = {"hidden_sizes": (8,), "memory_size": 5}
 N, T, OBS, ACTIONS = 2, 6, 3, 2
@@ -63,13 +64,19 @@ def test_a_minibatch_holds_whole_rollouts(key):
 
 @pytest.mark.slow
 def test_it_learns_to_remember_a_cue_and_ppo_cannot():
-    """Without a memory the mean return is 0, whatever is done."""
+    """Without a memory the mean return is 0, whatever is done.
+
+    After 100,000 steps a seed may still fail a fifth of its episodes. After twice as many, 8 of 8
+    seeds were above 0.9.
+    """
     returns = {}
     for agent in (PPOGRU(gamma=1.0), PPO(gamma=1.0)):
         train = jax.vmap(
-            lambda key, a=agent: hitmdp_jax.train(a, Cue(), key, num_steps=2048 * 50)[1]
+            lambda key, a=agent: hitmdp_jax.train(a, Cue(), key, num_steps=2048 * 100)[1]
         )
-        history = jax.jit(train)(jax.random.split(jax.random.key(0), 4))["episode_return"]
+        history = jax.jit(train, compiler_options=OPTIMIZED)(
+            jax.random.split(jax.random.key(0), 4)
+        )["episode_return"]
         returns[type(agent)] = np.median(np.asarray(history)[:, -10:], axis=1)
     assert (returns[PPOGRU] > 0.9).sum() >= 3
     assert (returns[PPO] < 0.3).all()

@@ -15,7 +15,7 @@ from hitmdp_jax.envs.suites.gymnax.four_rooms import DOORS, steps_to
 from hitmdp_jax.interpret.episodes import run_episodes
 from hitmdp_jax.runs.policy import Policy
 from tests.envs.suites.gymnax.four_rooms import CELLS, MAP, STEPS, transitions, values
-from tests.programs import compiled
+from tests.programs import OPTIMIZED, compiled
 
 GOAL, FAIL = (8, 9), 1.0 / 3.0
 DRAWS = 3000  # of each step: frequencies lie within .05 of their probabilities
@@ -82,7 +82,8 @@ def test_the_place_and_the_goal_are_parts_of_the_observation(env):
 def test_what_is_learned_is_nearly_the_best_policy(algo, env):
     """Discounted returns of its own episodes, against the table's best from an average cell."""
     agent = algo()
-    state, _ = compiled(functools.partial(train, agent, env, num_steps=409_600))(jax.random.key(0))
+    run = functools.partial(train, agent, env, num_steps=409_600)
+    state, _ = compiled(run, compiler_options=OPTIMIZED)(jax.random.key(0))
     policy = Policy(agent.bind(env.spec), state.learner.params, state.normalizer)
     episodes = run_episodes(policy, env, jax.random.key(1), 1000)
     lengths, reached = np.asarray(episodes.alive.sum(0)), np.asarray(episodes.returns)

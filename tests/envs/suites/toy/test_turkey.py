@@ -8,6 +8,7 @@ import hitmdp_jax
 from hitmdp_jax.agents import MOPG, PPO
 from hitmdp_jax.cli.settings import configs
 from hitmdp_jax.envs.suites.toy.turkey import Turkey
+from tests.programs import OPTIMIZED
 
 STUFF, ROAST = jnp.array([-1.0]), jnp.array([1.0])
 PLAY = {
@@ -45,7 +46,8 @@ def test_mopg_learns_to_stuff_then_roast_and_ppo_cannot():
     keys = jax.random.split(jax.random.key(0), 6)
     returns = {}
     for agent in (MOPG(**tuned["algo"]), PPO(learning_rate=1e-3, num_epochs=4)):
-        train = jax.jit(jax.vmap(lambda k, a=agent: hitmdp_jax.train(a, Turkey(), k, **sizes)))
+        train = jax.vmap(lambda k, a=agent: hitmdp_jax.train(a, Turkey(), k, **sizes))
+        train = jax.jit(train, compiler_options=OPTIMIZED)
         history = np.asarray(train(keys)[1]["episode_return"])
         returns[type(agent)] = history[:, -5:].mean(axis=1)
     assert (returns[MOPG] > 9.5).sum() >= 2
