@@ -133,14 +133,16 @@ def test_a_browser_shows_every_figure(chrome, page, width):
     loaded = "return document.querySelector('video').readyState"
     wait_until(lambda: chrome.execute_script(loaded) >= 2)
     # Below the picture there is room for the controls; a click on its strip of options seeks.
-    clicked = """
+    sizes = """
         const video = document.querySelector('video'), box = video.getBoundingClientRect();
-        const picture = box.width * video.videoHeight / video.videoWidth;
+        const picture = box.width * video.videoHeight / video.videoWidth;"""
+    room = sizes + "return box.height - picture"
+    wait_until(lambda: chrome.execute_script(room) == pytest.approx(76, abs=1))
+    clicked = """
         const clientX = box.left + box.width / 2, clientY = box.top + 0.95 * picture;
         video.dispatchEvent(new MouseEvent('click', {clientX, clientY, cancelable: true}));
-        return [box.height - picture, video.currentTime / video.duration]"""
-    below, at = chrome.execute_script(clicked)
-    assert below == pytest.approx(76, abs=1)
+        return video.currentTime / video.duration"""
+    at = chrome.execute_script(sizes + clicked)
     assert at == pytest.approx(0.5, abs=0.02)
     in_step = """
         const clips = [...document.querySelectorAll('.clips video')];
