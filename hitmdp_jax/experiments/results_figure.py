@@ -17,6 +17,7 @@ from hitmdp_jax.training.sweep import PREFIX
 
 WINDOW = 3  # points of a published curve, each a hundredth of the steps
 WIDTH, HEIGHT = 4.2, 3.0  # of a panel, in inches
+BESIDE, BELOW = 1.8, 0.8  # of the legend: to the right of a single panel, below several
 
 
 def figure(cells: Mapping[str, Mapping[str, Cell]]) -> Figure | None:
@@ -43,7 +44,12 @@ def figure(cells: Mapping[str, Mapping[str, Cell]]) -> Figure | None:
     number = len(curves) + len(swept)
     columns = {1: 1, 2: 2, 4: 2}.get(number, 3)
     rows = -(-number // columns)
-    drawn = Figure(figsize=(WIDTH * columns, HEIGHT * rows + 0.8), layout="constrained")
+    size = (
+        (WIDTH + BESIDE, HEIGHT + BELOW)
+        if columns == 1
+        else (WIDTH * columns, HEIGHT * rows + BELOW)
+    )
+    drawn = Figure(figsize=size, layout="constrained")
     panels = list(drawn.subplots(rows, columns, squeeze=False).ravel())
     algorithms = {
         arm: cell.summary.config.algo["name"] for of in curves.values() for arm, cell in of.items()
@@ -60,8 +66,11 @@ def figure(cells: Mapping[str, Mapping[str, Cell]]) -> Figure | None:
         handles, names = axes.get_legend_handles_labels()
         lines |= zip(names, handles, strict=True)
     if curves:
-        drawn.supylabel("episode return of the training policy")
-    drawn.legend(lines.values(), lines, loc="outside lower center", ncols=4 * columns)
+        drawn.supylabel("episode return of the training policy", fontsize="medium")
+    if columns == 1:
+        drawn.legend(lines.values(), lines, loc="outside right upper")
+    else:
+        drawn.legend(lines.values(), lines, loc="outside lower center", ncols=4 * columns)
     return drawn
 
 

@@ -3,6 +3,8 @@
 import csv
 
 import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from hitmdp_jax.cli.published import read_cells
 from hitmdp_jax.experiments import experiment
@@ -14,6 +16,7 @@ from hitmdp_jax.runs.config import RunConfig
 from tests.cli.conftest import CHECKOUT
 
 RESULTS = CHECKOUT / "results"
+PUBLISHED = [name for name in experiment.names() if (RESULTS / f"{name}.png").is_file()]
 
 
 def test_a_panel_shows_the_mean_of_every_published_arm():
@@ -32,6 +35,19 @@ def test_a_panel_shows_the_mean_of_every_published_arm():
     x, y = (np.asarray(values, float) for values in line.get_data())
     assert x[-1] == float(rows[-1]["env_steps"])
     np.testing.assert_allclose(y[-1], np.mean(last))
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_no_text_of_a_figure_is_cut(name):
+    known = experiment.read(name)
+    drawn = figure(shown(known, read_cells(RESULTS, known.tasks)))
+    assert drawn is not None
+    FigureCanvasAgg(drawn).draw()
+    texts = [*drawn.legends, *drawn.texts, *(axes.title for axes in drawn.axes)]
+    for text in texts:
+        extent = text.get_window_extent()
+        assert drawn.bbox.contains(extent.x0, extent.y0), text
+        assert drawn.bbox.contains(extent.x1, extent.y1), text
 
 
 def test_what_is_not_published_is_not_drawn(tmp_path):
