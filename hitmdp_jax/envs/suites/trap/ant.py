@@ -19,9 +19,9 @@ def integrate_by_euler(spec: mujoco.MjSpec) -> None:
 class TrappedAnt(MujocoEnv):
     """An ant whose episode ends when it is on its back.
 
-    Else most of what an untrained ant lives through is lying there. So the rewards for options are
-    the velocities plus 1 m/s for each step, as in `Ant`: falling costs what would have followed.
-    The task pays nothing for that.
+    Otherwise an untrained ant would spend most of its time there. The rewards for options are the
+    velocities plus 1 m/s for each step, as in `Ant`: falling costs an option what would have
+    followed. The task itself pays nothing for staying up.
 
     Args:
       physics: the engine; see `MujocoEnv`.

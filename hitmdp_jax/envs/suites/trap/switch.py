@@ -51,6 +51,7 @@ class SwitchEnv(MujocoEnv):
     solver_budget: ClassVar[SolverBudget]
     steps_per_metre: ClassVar[int]  # of the time limit; the way is three times the distance
     action_cost: ClassVar[float]  # of the squared action
+    mark: ClassVar[tuple[float, float, float]]  # half the sides of what shows switch and goal, m
 
     physics: dataclasses.InitVar[PhysicsChoice] = "mjx"  # pyright: ignore
     _: dataclasses.KW_ONLY
@@ -135,12 +136,12 @@ class SwitchEnv(MujocoEnv):
 
     def _edit(self, spec: mujoco.MjSpec) -> None:
         """Show the switch (blue) and the goal (red), which touch nothing."""
-        box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [0.05, 0.5, 0.5]}
+        box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": self.mark}
         for name, x, rgba in (
             ("switch", -self.distance, [0.2, 0.4, 1.0, 0.6]),
             ("goal", self.distance, [1.0, 0.2, 0.2, 0.6]),
         ):
-            spec.worldbody.add_site(name=name, pos=[x, 0.0, 0.5], rgba=rgba, **box)
+            spec.worldbody.add_site(name=name, pos=[x, 0.0, self.mark[2]], rgba=rgba, **box)
 
 
 @dataclasses.dataclass(eq=False, repr=False)
@@ -160,6 +161,7 @@ class CheetahSwitch(SwitchEnv):
     solver_budget = HalfCheetah.mjx_budget
     steps_per_metre = 100
     action_cost = 0.01
+    mark = (0.05, 0.5, 0.5)
 
 
 @dataclasses.dataclass(eq=False, repr=False)
@@ -181,6 +183,7 @@ class AntSwitch(TrappedAnt, SwitchEnv):
     solver_budget = ant.MJX_BUDGET
     steps_per_metre = 200
     action_cost = 0.0
+    mark = (0.05, 20.0, 0.01)
 
     @property
     def _places(self) -> int:
