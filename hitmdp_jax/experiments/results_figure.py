@@ -3,7 +3,7 @@
 The curves are those of Figures 3 and 4, App. B.1, and the bars those of Figure 11.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,7 +17,7 @@ from hitmdp_jax.training.sweep import PREFIX
 
 WINDOW = 3  # points of a published curve, each a hundredth of the steps
 WIDTH, HEIGHT = 4.2, 3.0  # of a panel, in inches
-BESIDE, BELOW = 1.8, 0.8  # of the legend: to the right of a single panel, below several
+BESIDE, BELOW = 1.8, 0.8  # for the legend: to the right of a single panel, below several
 
 
 def figure(cells: Mapping[str, Mapping[str, Cell]]) -> Figure | None:
@@ -44,12 +44,8 @@ def figure(cells: Mapping[str, Mapping[str, Cell]]) -> Figure | None:
     number = len(curves) + len(swept)
     columns = {1: 1, 2: 2, 4: 2}.get(number, 3)
     rows = -(-number // columns)
-    size = (
-        (WIDTH + BESIDE, HEIGHT + BELOW)
-        if columns == 1
-        else (WIDTH * columns, HEIGHT * rows + BELOW)
-    )
-    drawn = Figure(figsize=size, layout="constrained")
+    width = WIDTH * columns + (BESIDE if columns == 1 else 0.0)
+    drawn = Figure(figsize=(width, HEIGHT * rows + BELOW), layout="constrained")
     panels = list(drawn.subplots(rows, columns, squeeze=False).ravel())
     algorithms = {
         arm: cell.summary.config.algo["name"] for of in curves.values() for arm, cell in of.items()
@@ -61,17 +57,22 @@ def figure(cells: Mapping[str, Mapping[str, Cell]]) -> Figure | None:
         draw_used_options(axes, run)
     for axes in panels[number:]:
         axes.remove()
-    lines = {}  # name -> its mark in the legend
-    for axes in panels[:number]:
-        handles, names = axes.get_legend_handles_labels()
-        lines |= zip(names, handles, strict=True)
     if curves:
         drawn.supylabel("episode return of the training policy", fontsize="medium")
+    draw_legend(drawn, panels[:number], columns)
+    return drawn
+
+
+def draw_legend(drawn: Figure, panels: Sequence[Axes], columns: int) -> None:
+    """Name what the panels show, once: beside a single column of them, else below."""
+    lines = {}  # name -> its mark in the legend
+    for axes in panels:
+        handles, names = axes.get_legend_handles_labels()
+        lines |= zip(names, handles, strict=True)
     if columns == 1:
         drawn.legend(lines.values(), lines, loc="outside right upper")
     else:
         drawn.legend(lines.values(), lines, loc="outside lower center", ncols=4 * columns)
-    return drawn
 
 
 def draw_curves(
