@@ -10,8 +10,8 @@ import hitmdp_jax
 from hitmdp_jax.agents import AGENTS
 from tests.probes import PlaygroundTarget
 
-# Of programs that run for minutes: the opposite of tests/conftest.py's flags, `jax.jit(f,
-# compiler_options=OPTIMIZED)`. Training PPO with a GRU takes an eighth of the time.
+# For tests that train for minutes. The flags in tests/conftest.py compile fast and run slowly;
+# `jax.jit(f, compiler_options=OPTIMIZED)` takes them back for one program.
 OPTIMIZED: dict[str, Any] = {"xla_backend_optimization_level": 3}
 if jax.__version_info__ < (0, 11):
     OPTIMIZED |= {"xla_cpu_use_fusion_emitters": True}

@@ -141,8 +141,8 @@ class HitPolicy(GradientAgent):
     The action policy and the critic read an option's vector times `option_scale` besides: options
     that start almost alike share what they learn, and part as far as it pays.
 
-    All layers start orthogonal, those of the policies' outputs small; with "pytorch" they start as
-    PyTorch's do (`pytorch_start`), and with them the paper's.
+    By default layers start orthogonal, those of the policies' outputs small. With `initialization`
+    "pytorch" they start as the layers of PyTorch do (`pytorch_start`), which the paper used.
     """
 
     similarity: float = traced(0.75)  # c, the weight of the similarity logits

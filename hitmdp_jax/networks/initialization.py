@@ -1,4 +1,4 @@
-"""How the layers of a network start, where they do not start as they are written."""
+"""Another start for a network's layers than the orthogonal one: PyTorch's."""
 
 import math
 from collections.abc import Mapping

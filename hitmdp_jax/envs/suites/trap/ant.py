@@ -12,7 +12,10 @@ ON_ITS_FEET = 1.0  # m/s, as `Ant` pays for a healthy step
 
 
 def integrate_by_euler(spec: mujoco.MjSpec) -> None:
-    """Let MuJoCo integrate motions by Euler's method: a quarter of the time of `Ant`'s, RK4."""
+    """Let MuJoCo integrate motions by Euler's method.
+
+    It computes the forces once in a substep, and `Ant`'s Runge-Kutta method four times.
+    """
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
 
 
@@ -20,8 +23,9 @@ class TrappedAnt(MujocoEnv):
     """An ant whose episode ends when it is on its back.
 
     Otherwise an untrained ant would spend most of its time there. The rewards for options are the
-    velocities plus 1 m/s for each step, as in `Ant`: falling costs an option what would have
-    followed. The task itself pays nothing for staying up.
+    velocities plus 1 m/s for each step: falling costs an option what would have followed. `Ant`
+    pays as much for health; its version v4 pays for the last step of an episode, too, as here. The
+    task itself pays nothing for staying up.
 
     Args:
       physics: the engine; see `MujocoEnv`.
@@ -34,6 +38,6 @@ class TrappedAnt(MujocoEnv):
     def option_rewards(
         self, before: State, action: jax.Array, after: State
     ) -> dict[str, jax.Array]:
-        """Return the velocities along the directions (m/s), plus 1 for being on its feet."""
+        """Return the velocities along the directions (m/s), plus 1 for each step."""
         velocities = super().option_rewards(before, action, after)
         return {name: velocity + ON_ITS_FEET for name, velocity in velocities.items()}

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ from hitmdp_jax.envs.spec import Spec
 from hitmdp_jax.envs.suites.gym import ant
 from hitmdp_jax.envs.suites.gym.half_cheetah import HalfCheetah
 from hitmdp_jax.envs.suites.gym.initial import normal_velocity_around_rest
+from hitmdp_jax.envs.suites.maze.maze import RewardType
 from hitmdp_jax.envs.suites.trap.ant import TrappedAnt, integrate_by_euler
 from hitmdp_jax.errors import out_of_domain
 from hitmdp_jax.physics import PhysicsChoice, PhysicsState
@@ -22,8 +23,6 @@ from hitmdp_jax.physics import PhysicsChoice, PhysicsState
 ROOT_X = 0  # qpos: the torso's x, m
 TOUCHED = "touched"  # in `State.info`: 1 once the switch was touched
 GOAL_REWARD = 20.0
-
-Reward = Literal["dense", "sparse"]
 
 
 @dataclasses.dataclass(eq=False, repr=False)
@@ -49,6 +48,7 @@ class SwitchEnv(MujocoEnv):
     model_file: ClassVar[str]
     frame_skip: ClassVar[int]
     solver_budget: ClassVar[SolverBudget]
+    places: ClassVar[int]  # entries of qpos that say where the torso is on the floor
     steps_per_metre: ClassVar[int]  # of the time limit; the way is three times the distance
     action_cost: ClassVar[float]  # of the squared action
     mark: ClassVar[tuple[float, float, float]]  # half the sides of what shows switch and goal, m
@@ -56,7 +56,7 @@ class SwitchEnv(MujocoEnv):
     physics: dataclasses.InitVar[PhysicsChoice] = "mjx"  # pyright: ignore
     _: dataclasses.KW_ONLY
     distance: float = 3.0
-    reward_type: Reward = "dense"
+    reward_type: RewardType = "dense"
 
     def __post_init__(self, physics: PhysicsChoice):
         if not self.distance > 0:
@@ -100,7 +100,7 @@ class SwitchEnv(MujocoEnv):
     @property
     def parts(self) -> Parts:
         """Where the robot is, and whether the goal counts."""
-        return {"place": slice(self._places), "goal": slice(-1, None)}
+        return {"place": slice(self.places), "goal": slice(-1, None)}
 
     @functools.cached_property
     def spec(self) -> Spec:
@@ -125,11 +125,6 @@ class SwitchEnv(MujocoEnv):
         ctrl = -self.action_cost * jnp.sum(action**2) if dense else zero
         terms = {"reward_goal": zero, "reward_progress": progress, "reward_ctrl": ctrl}
         return progress + ctrl, terms
-
-    @property
-    def _places(self) -> int:
-        """How many entries of qpos say where the torso is on the floor."""
-        return 1
 
     def _away(self, data: PhysicsState) -> jax.Array:
         return jnp.abs(self.distance - data.qpos[ROOT_X])
@@ -159,6 +154,7 @@ class CheetahSwitch(SwitchEnv):
     model_file = "half_cheetah.xml"
     frame_skip = HalfCheetah.frame_skip
     solver_budget = HalfCheetah.mjx_budget
+    places = 1
     steps_per_metre = 100
     action_cost = 0.01
     mark = (0.05, 0.5, 0.5)
@@ -181,13 +177,10 @@ class AntSwitch(TrappedAnt, SwitchEnv):
     model_file = "ant.xml"
     frame_skip = ant.FRAME_SKIP
     solver_budget = ant.MJX_BUDGET
+    places = 2
     steps_per_metre = 200
     action_cost = 0.0
     mark = (0.05, 20.0, 0.01)
-
-    @property
-    def _places(self) -> int:
-        return 2
 
     def _edit(self, spec: mujoco.MjSpec) -> None:
         super()._edit(spec)

@@ -92,9 +92,10 @@ def test_an_episode_begins_with_the_switch_untouched(name):
     assert state.obs[-1] == state.info["touched"] == 0.0
 
 
-def test_a_lost_simulation_pays_nothing_at_the_goal():
-    env = make_env("trap/cheetah_switch", physics="native")
-    state = compiled(env.step)(at(env, 3.5, 1), jnp.full(6, jnp.nan))
+@pytest.mark.parametrize("name", ACTION_COST)
+def test_a_lost_simulation_pays_nothing_at_the_goal(name):
+    env = make_env(name, physics="native")
+    state = compiled(env.step)(at(env, 3.5, 1), jnp.full(env.action_size, jnp.nan))
     assert (state.reward, state.done, state.metrics["success"]) == (0.0, 1.0, 0.0)
     assert state.metrics["unstable"] == 1.0
 
